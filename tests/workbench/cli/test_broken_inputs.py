@@ -8,6 +8,8 @@ from tools import diagnosis_table
 
 MISSED = {"az3-two-bytes-lost", "adxl-half-as-fast"}
 """Two bytes lost look like a missing CRC, and at half the baud rate half of the bits are never sampled."""
+ACCUSED = {"https://github.com/BiancoRoyal/node-red-contrib-modbus/issues/146"}
+"""The header has the length of the request, and the part of the answer that it leaves looks like one without a count."""
 EXPLAINED = [case for case in diagnosis_table.cases("threads.json") if case["how"] != ["diagnose"]]
 
 
@@ -34,3 +36,10 @@ def test_logs_from_issue_threads_have_the_right_finding_first() -> None:
     logs = [case for case in diagnosis_table.cases("threads.json") if case["how"] == ["diagnose"]]
     right = [case["id"] for case in logs if diagnosis_table.is_right(case, diagnosis_table.codes_of(case))]
     assert len(right) >= 0.6 * len(logs), {case["id"] for case in logs} - set(right)
+
+
+@pytest.mark.long
+def test_no_thread_of_the_open_half_is_accused_of_something_else() -> None:
+    judgements = {case["url"]: diagnosis_table.judged(case)[0] for case in diagnosis_table.posted("open")}
+    assert {url for url, judgement in judgements.items() if judgement == "wrong"} <= ACCUSED
+    assert list(judgements.values()).count("right") >= 0.8 * len(judgements)

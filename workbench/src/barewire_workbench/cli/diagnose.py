@@ -8,6 +8,7 @@ from collections.abc import Iterable
 
 import click
 
+from barewire.errors import BarewireError
 from barewire.io.endpoint import Endpoint
 from barewire.modbus.framing import Line
 from barewire_workbench.cli.arguments import Choice, json_option, known_nodes, nodes_option
@@ -24,6 +25,7 @@ from barewire_workbench.cli.sources import (
 )
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDiagnosis
+from barewire_workbench.diagnosis.texts import verdict_without_bytes
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.live.listen import listen_with
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
@@ -133,7 +135,15 @@ class _Printer:
 
 
 def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
-    first, others = traffic.modbus_parts(printer.unread)
+    start = traffic.recording.start
+    try:
+        first, others = traffic.modbus_parts(printer.unread)
+    except BarewireError:
+        words = verdict_without_bytes(start.decode("utf-8", "replace"))
+        if words is None:
+            raise
+        printer.verdicts([("", words)])
+        return
     diagnosis = ModbusLogDiagnosis(first, window, traffic.protocol)
     printer.findings(diagnosis.findings(others))
     printer.unread.end()

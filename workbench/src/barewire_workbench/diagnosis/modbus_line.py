@@ -548,8 +548,8 @@ class LineDiagnosis:
         """Return whether the next frame is the same request, sooner than any client repeats it."""
         if not isinstance(following, RequestSeen) or (following.unit, following.pdu) != (request.unit, request.pdu):
             return False
-        if self._before is not None and self._before.from_client is False:
-            return True  # the client that wrote the log received its own request
+        if self._before is not None and self._before.from_client is not None:
+            return not self._before.from_client  # the client that wrote the log received its own request, or repeats it
         joined = self._before is not None and self._before.joined
         return joined or (self._timed and following.at - request.at <= _AT_ONCE)
 

@@ -134,7 +134,9 @@ class _PymodbusLog:
                 self.processed.pop()  # the same bytes, and more
             self.processed.append(LogEntry(number, data, False, False, stamp_in(line[: found.start()])))
         elif "esponse" in line and _PYMODBUS_SILENT.search(line):
-            self.silent.append(LogEntry(number, b"", False, False, stamp_in(line)))
+            last = self.logged[-1] if self.logged else None
+            if last is None or last.sent or not last.data:  # otherwise bytes came, which it could not decode
+                self.silent.append(LogEntry(number, b"", False, False, stamp_in(line)))
         elif not _PYMODBUS_OTHER.search(line):
             return
         self.known.add(number)
@@ -211,7 +213,7 @@ def read_libmodbus(lines: list[str], decided: object = None) -> FormContent:
 
 _HEX = r"[0-9A-F]{2}(?: [0-9A-F]{2})*"
 _MINIMALMODBUS_TRAFFIC = re.compile(
-    r"(?P<word>Will write to instrument|Writing to instrument|Response from instrument)[^:]{0,60}:\s*"
+    r"(?P<word>Will write to instrument|Writing to instrument|Response from instrument|The response is)[^:]{0,60}:\s*"
     rf"(?:(?P<string>b?(?:'(?:[^'\\]|\\.)*'|\"(?:[^\"\\]|\\.)*\"))|(?P<hex>{_HEX})|(?= ?\(0 bytes\)))"
 )
 
@@ -238,7 +240,7 @@ def read_minimalmodbus(lines: list[str]) -> FormContent:
         if data is None and found["string"]:  # a string without escapes: a frame of ASCII
             data = found["string"].lstrip("b")[1:-1].encode("latin-1", "replace")
         stamp = stamp_in(line[: found.start()])
-        is_asked = not found["word"].startswith("Response")
+        is_asked = "rit" in found["word"]
         if data or not is_asked:
             entries.append(LogEntry(number, data, is_asked, is_asked, stamp))
     return FormContent(entries, known)

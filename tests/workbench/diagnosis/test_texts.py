@@ -1,0 +1,50 @@
+"""Texts without bytes: what their words state, and how the program that wrote them logs its bytes."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import pytest
+
+from barewire_workbench.diagnosis.texts import verdict_without_bytes
+from tests.workbench.cli.helpers import error_of, run_here
+
+
+@pytest.mark.parametrize(
+    ("text", "states", "program"),
+    [
+        ("Modbus Error: [Input/Output] No Response received from the remote unit", "no answer came", "pymodbus"),
+        ("Connection to (10.0.0.1, 502) failed: [Errno 111] Connection refused\npymodbus", "is refused", "pymodbus"),
+        ("[homeassistant.components.modbus] Exception Response(131, 3, SlaveBusy)", "exception 06", "Home Assistant"),
+        ("Modbus exception 2: Illegal data address", "exception 02", "modbus-serial"),
+        ("Error: Data length error, expected 7 got 9", "another length", "modbus-serial"),
+        ("NoResponseError: No communication with the instrument (no answer)", "no answer came", "instrument.debug"),
+        ("ERROR Connection timed out: select", "no answer came", "modbus_set_debug"),
+        ("canopen.sdo.exceptions.SdoAbortedError: Code 0x06020000", "abort 06020000", "candump"),
+        ("write: No buffer space available", "no other node acknowledges", "candump"),
+        ("[08:24:49][W][modbus:126]: Modbus CRC Check failed! C071!=00", "a checksum", "direction: BOTH"),
+        ("response transaction id '82' does not match request '83' error", "late by one", "bytes"),
+        ("it failed", "does not say what failed", "tcpdump"),
+    ],
+)
+def test_the_verdict_says_what_the_words_state_and_how_to_get_the_bytes(text: str, states: str, program: str) -> None:
+    verdict = verdict_without_bytes(text)
+    assert verdict is not None
+    assert verdict.code == "no-bytes"
+    assert states in verdict.evidence
+    assert program in verdict.evidence
+
+
+def test_a_text_that_reports_no_failure_is_no_recording(tmp_path: Path) -> None:
+    text = tmp_path / "notes.txt"
+    text.write_text("a shopping list\n")
+    assert verdict_without_bytes("a shopping list") is None
+    assert "expected a recording" in error_of("diagnose", str(text))
+
+
+def test_the_command_ends_with_the_verdict_and_status_1(tmp_path: Path) -> None:
+    text = tmp_path / "error.txt"
+    text.write_text("pymodbus.exceptions.ConnectionException: Modbus Error: [Connection] Failed to connect\n")
+    done = run_here("diagnose", str(text))
+    assert done.returncode == 1
+    assert done.stdout.startswith("verdict: there are no bytes, so that no cause is proved [no-bytes]: ")
