@@ -165,7 +165,8 @@ which it was run once, at the end. The collector saw both. Most of what people p
 and bytes are counted apart.
 
 *right*: an expected code is the first finding or a verdict, and nothing else is accused. *undecided*: no cause
-is named. *missed*: only what came and did not come is named, or the text is refused. *wrong*: something else is accused.
+is named. *missed*: only what came and did not come is named, or the text is refused. *wrong*: something else is
+accused, or all is called good.
 """
 _BEFORE = {
     "open": "Before the work on it: 18 of 28 with bytes right, 2 wrong; 0 of 43 without bytes, which were refused."

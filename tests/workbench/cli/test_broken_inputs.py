@@ -9,7 +9,7 @@ from tools import diagnosis_table
 MISSED = {"az3-two-bytes-lost", "adxl-half-as-fast"}
 """Two bytes lost look like a missing CRC, and at half the baud rate half of the bits are never sampled."""
 ACCUSED = {"https://github.com/BiancoRoyal/node-red-contrib-modbus/issues/146"}
-"""The header has the length of the request, and the part of the answer that it leaves looks like one without a count."""
+"""The header has the length of the request: what it leaves of the answer looks like one without its count."""
 EXPLAINED = [case for case in diagnosis_table.cases("threads.json") if case["how"] != ["diagnose"]]
 
 
