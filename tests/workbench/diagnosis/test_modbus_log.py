@@ -496,3 +496,9 @@ def test_the_page_has_a_row_for_every_verdict() -> None:
     rows = [line.split("`")[1] for line in page.splitlines() if line.startswith("| `")]
     assert rows == list(dict.fromkeys(rows))
     assert set(rows) == set(VERDICTS) == set(get_args(VerdictCode))
+
+
+def test_a_request_that_its_own_client_sends_again_at_once_is_no_echo() -> None:
+    sent = b"2024/03/14 17:03:45 send 00 46 00 00 00 06 01 03 05 c4 00 01\n"
+    log = ModbusLogDiagnosis(read_modbus_log(2 * sent))
+    assert "echo" not in [found.finding.code for found in log.findings()]

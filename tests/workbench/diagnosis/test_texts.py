@@ -48,3 +48,13 @@ def test_the_command_ends_with_the_verdict_and_status_1(tmp_path: Path) -> None:
     done = run_here("diagnose", str(text))
     assert done.returncode == 1
     assert done.stdout.startswith("verdict: there are no bytes, so that no cause is proved [no-bytes]: ")
+
+
+def test_a_text_with_bytes_that_no_form_reads_is_not_called_one_without() -> None:
+    assert verdict_without_bytes("error: 01 03 9c 41 00 02 ba 4f") is None
+
+
+def test_digits_of_a_message_are_no_bytes_of_a_line(tmp_path: Path) -> None:
+    text = tmp_path / "error.txt"
+    text.write_text("Error in plugin: modbus: response transaction id '7616' does not match request '7617'\n")
+    assert "each answer is that of the request before" in run_here("diagnose", str(text)).stdout

@@ -112,3 +112,20 @@ def test_old_minimalmodbus_writes_strings() -> None:
         "roundtrip time: 50.0 ms. Timeout setting: 50.0 ms.\n"
     )
     assert lines_of(text.encode()) == [REFUSED.replace("FFFFh", "0005h")]
+
+
+def test_an_answer_that_pymodbus_could_not_decode_is_no_silence() -> None:
+    cut = b"SEND: 0x1 0x3 0x0 0x0 0x0 0x2 0xc4 0xb\nRECV: 0x1 0x3 0x4 0x0\n[Input/Output] No Response received\n"
+    assert [item.data for item in read_modbus_log(cut).items if isinstance(item, LoggedBytes)] == [
+        bytes.fromhex("01 03 00 00 00 02 C4 0B"),
+        bytes.fromhex("01 03 04 00"),
+    ]
+
+
+def test_the_answer_in_an_error_of_minimalmodbus_and_what_pymodbus_handles_are_read() -> None:
+    wrong = rb"Wrong functioncode: 3 instead of 16. The response is: '\x01\x03\x00\x00\x00\x10D\x06'"
+    handled = b"pymodbus Handling data: 0x1 0x83 0x2 0xc0 0xf1"
+    for line, data in ((wrong, "01 03 00 00 00 10 44 06"), (handled, "01 83 02 C0 F1")):
+        assert [item.data for item in read_modbus_log(line).items if isinstance(item, LoggedBytes)] == [
+            bytes.fromhex(data)
+        ]

@@ -25,7 +25,7 @@ from barewire_workbench.cli.sources import (
 )
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDiagnosis
-from barewire_workbench.diagnosis.texts import verdict_without_bytes
+from barewire_workbench.diagnosis.texts import is_text, verdict_without_bytes
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.live.listen import listen_with
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
@@ -135,19 +135,20 @@ class _Printer:
 
 
 def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
-    start = traffic.recording.start
+    words = verdict_without_bytes(traffic.recording.start.decode("utf-8", "replace"))
     try:
         first, others = traffic.modbus_parts(printer.unread)
     except BarewireError:
-        words = verdict_without_bytes(start.decode("utf-8", "replace"))
         if words is None:
             raise
-        printer.verdicts([("", words)])
-        return
-    diagnosis = ModbusLogDiagnosis(first, window, traffic.protocol)
-    printer.findings(diagnosis.findings(others))
-    printer.unread.end()
-    printer.verdicts(diagnosis.verdicts())
+    else:
+        if words is None or not is_text(first):
+            diagnosis = ModbusLogDiagnosis(first, window, traffic.protocol)
+            printer.findings(diagnosis.findings(others))
+            printer.unread.end()
+            printer.verdicts(diagnosis.verdicts())
+            return
+    printer.verdicts([("", words)])
 
 
 def _diagnose_line(endpoint: Endpoint, seconds: float | None, window: float, printer: _Printer) -> None:

@@ -14,7 +14,12 @@ from itertools import chain
 from barewire.canopen.abort_codes import abort_text
 from barewire.modbus.exceptions import exception_name
 from barewire_workbench.diagnosis.verdict import LineVerdict
+from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog
 
+_GENERAL_FORMS = ("marked", "blocks", "bytes")
+"""Forms that any program may have written: a word and hexadecimal digits are enough."""
+_SHORTEST = 4
+"""Bytes of the shortest frame."""
 _CANDUMP = "candump -L can0 > bus.log, and ip -details -statistics link show can0"
 _PROGRAMS: tuple[tuple[str, str, str], ...] = (
     (
@@ -121,6 +126,8 @@ _FAILS = re.compile(
     r"(?i)error|fail|exception|time[- ]?d?[- ]?out|result|refused|no response|abort|\berr\b|offline|duplicate|reset|"
     r"no buffer"
 )
+_BYTES = re.compile(r"(?i)\b[0-9a-f]{2}([ ,:.-])(?:[0-9a-f]{2}\1){3}[0-9a-f]{2}\b")
+"""Five bytes with one separator; dates, times and addresses of hosts have fewer."""
 _NUMBER = re.compile(r"(?i)exception[ _]?(?:code)?[\"']?\s*[:=]?\s*[('\"]*(0x[0-9a-f]{1,2}|\d{1,2})\b(?!\d)(?!,)")
 _NAMES = {
     "illegalfunction": 1,
@@ -151,7 +158,7 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
     >>> verdict_without_bytes("Modbus Error: [Input/Output] No Response received from the remote unit").code
     'no-bytes'
     """
-    if _FAILS.search(text) is None:
+    if _FAILS.search(text) is None or _BYTES.search(text):
         return None
     program, how = next(
         ((name, how) for name, words, how in _PROGRAMS if re.search(words, text, re.MULTILINE)), ("", _ANY_PROGRAM)
@@ -160,6 +167,17 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
     said = f"the text says that {', that '.join(stated)}" if stated else "the text does not say what failed"
     log = f"a log of {program} with its bytes: {how}" if program else f"a log with bytes: {how}"
     return LineVerdict("no-bytes", "there are no bytes, so that no cause is proved", f"{said}; to get {log}")
+
+
+def is_text(log: ModbusLog) -> bool:
+    """Return whether the bytes that were read from words are too few for a frame: digits of a message.
+
+    >>> from barewire_workbench.recordings.modbus_log import read_modbus_log
+    >>> is_text(read_modbus_log(b"0x03 (RES) Exception (2): Illegal Data Address"))
+    True
+    """
+    pieces = [len(item.data) for item in log.items if isinstance(item, LoggedBytes)]
+    return log.form in _GENERAL_FORMS and max(pieces, default=0) < _SHORTEST and sum(pieces) < _SHORTEST * 2
 
 
 def _numbered(text: str) -> list[str]:

@@ -69,7 +69,7 @@ _PYMODBUS_WORD = re.compile(r"(?P<repeated>>{5}\s*)?(?<![\w'\"])(?P<word>send|re
 _PYMODBUS_WORD_ENDS = ("end:", "ecv:", "END:", "ECV:")
 _PYMODBUS_BYTES = re.compile(rf"\s*(?P<bytes>{_HEX_BYTES})(?:old_data:.*|extra data:.*|addr=.*|unexpected data:.*)?$")
 """What stands behind a word, up to the next one."""
-_PYMODBUS_PROCESSING = re.compile(rf"(?<![\w'\"])Processing:\s*(?P<bytes>{_HEX_BYTES})$")
+_PYMODBUS_PROCESSING = re.compile(rf"(?<![\w'\"])(?:Processing|Handling data):\s*(?P<bytes>{_HEX_BYTES})$")
 _PYMODBUS_SILENT = re.compile(
     r"No response received after|No Response received from the remote|\[Input/Output\] No Response"
 )
@@ -127,7 +127,8 @@ class _PymodbusLog:
 
     def add_other(self, number: int, line: str) -> None:
         """Take any other line: one that shows what was received so far, or that nothing was."""
-        if "Processing:" in line and (found := _PYMODBUS_PROCESSING.search(line)) and found["bytes"]:
+        is_processed = "Processing:" in line or "Handling data:" in line
+        if is_processed and (found := _PYMODBUS_PROCESSING.search(line)) and found["bytes"]:
             data = bytes(int(token, 16) for token in found["bytes"].split())
             before = self.processed[-1].data or b"" if self.processed else b""
             if before and len(data) > len(before) and data.startswith(before):
