@@ -28,7 +28,7 @@ from tests.workbench.cli.helpers import run_here  # noqa: E402
 
 BROKEN = ROOT / "tests" / "workbench" / "diagnosis" / "broken"
 PAGE = ROOT / "docs" / "reference" / "diagnosis-table.md"
-HALVES = ("open",)
+HALVES = ("open", "closed")
 Case = dict[str, Any]
 _ANSWERS: dict[str, list[str]] = {}
 
@@ -182,12 +182,14 @@ def _later(half: str) -> list[str]:
         counts = ", ".join(f"{told.count(word)} {word}" for word in ("right", "undecided", "missed", "wrong"))
         lines.append(f"- {len(told)} {what}: {counts}.")
     lines += ["", _BEFORE[half], ""] if half in _BEFORE else [""]
-    lines += ["| thread | judgement | said | expected | cause |", "|---|---|---|---|---|"]
+    lines += ["| thread | judgement | said | expected | cause | why not |", "|---|---|---|---|---|---|"]
+    why = json.loads((BROKEN / "threads_missed.json").read_text(encoding="utf-8"))
     for case, judgement, leading in judgements:
         if judgement != "right":
             expected = ", ".join([*case["right"], *(f'"{word}"' for word in case["says"])])
-            cells = (case["url"].removeprefix("https://github.com/"), judgement, ", ".join(leading), expected)
-            lines.append(f"| {' | '.join(cells)} | {_cell(case['cause'], 160)} |")
+            thread = case["url"].removeprefix("https://github.com/").replace("/issues/", "#")
+            cells = (thread, judgement, ", ".join(leading), expected, _cell(case["cause"], 160), why.get(thread, ""))
+            lines.append(f"| {' | '.join(cells)} |")
     return [*lines, ""]
 
 
