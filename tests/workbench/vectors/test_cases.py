@@ -131,7 +131,8 @@ def test_a_damaged_head_of_a_file_is_noticed(tmp_path: Path, before: str, after:
     damaged.write_text(whole.read_text(encoding="utf-8").replace(before, after))
     digests = {case_id: found for case_id, found in VECTORS.digests.items() if case_id.startswith("lrc-")}
     (tmp_path / "index.json").write_text(json.dumps(digests))
-    (tmp_path / "kinds.json").write_bytes((ROOT / "kinds.json").read_bytes())
+    for name in ("kinds.json", "profiles.json", "VERSION"):
+        (tmp_path / name).write_bytes((ROOT / name).read_bytes())
     with pytest.raises(EncodeError, match=text):
         load_vectors(tmp_path)
 
