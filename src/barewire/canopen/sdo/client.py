@@ -166,10 +166,25 @@ def upload(
     Raise EncodeError at once for arguments that cannot be encoded; in the conversation SdoAbort and NoAnswer.
     """
     channel = channel_to(node, dialect)
-    attempt = partial(
-        _attempt, channel, index, sub, timeout=timeout, size=size, block=block, limit=limit, progress=progress
+    parts: list[bytes] = []
+    attempt = _joined(
+        parts,
+        upload_to(
+            channel,
+            index,
+            sub,
+            parts.append,
+            timeout=timeout,
+            size=size,
+            block=block,
+            limit=limit,
+            progress=progress,
+        ),
     )
-    return _repeated(channel, attempt(), attempt) if channel.retries else attempt()
+    if not channel.retries:
+        return attempt
+    options = {"timeout": timeout, "size": size, "block": block, "limit": limit, "progress": progress}
+    return _repeated(channel, attempt, partial(_attempt, channel, index, sub, **options))
 
 
 def _attempt(channel: Channel, index: int, sub: int, **options: Any) -> Conversation[CanFrame, bytes]:
