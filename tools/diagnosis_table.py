@@ -161,7 +161,9 @@ _LATER = """## Threads collected later
 
 157 threads with a known cause, said by a maintainer, found by the author or read from the log. They were split by the
 SHA-256 of their addresses as they were collected: an open half for the work on the diagnosis, and a closed half, on
-which it was run once, at the end. The collector saw both. Most of what people post is text without bytes, so that text
+which it was run once, at the end: 66 right, 4 undecided, 14 missed, 2 wrong. The collector saw both. Then the logs of
+20 threads (8 closed) were found to be completed from memory, set to the words of the thread, and judged again without a
+change of code or expectation; the tables show that. Most of what people post is text without bytes, so that text
 and bytes are counted apart.
 
 *right*: an expected code is the first finding or a verdict, and nothing else is accused. *undecided*: no cause
