@@ -44,6 +44,13 @@ def default(row: dict[str, Any]) -> Any:
     return octets(value) if row["type"] in ("DOMAIN", "OCTET_STRING") else number(value)
 
 
+def limit(text: str | None) -> int | None:
+    """Return a limit as the library's reader of an EDS does: what is no whole number is none."""
+    with suppress(TypeError, ValueError):
+        return int(text or "")
+    return None
+
+
 def objects(rows: list[dict[str, Any]]) -> list[Any]:
     """Return the objects of a device as the library has them."""
     places = placed(rows)
@@ -51,7 +58,7 @@ def objects(rows: list[dict[str, Any]]) -> list[Any]:
     for (index, sub), row in places.items():
         one = variable(row["type"], index, sub)
         one.access_type, one.default = row["access"], default(row)
-        one.min, one.max = (int(row[name]) if name in row else None for name in ("low", "high"))
+        one.min, one.max = (limit(row.get(name)) for name in ("low", "high"))
         if index in found:
             found[index].add_member(one)
         else:
