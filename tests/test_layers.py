@@ -91,7 +91,7 @@ THIRD_PARTY = {
     "serial": ("barewire/io/ports/*serial*.py", PORT_LIST),
     "can": ("barewire/io/*.py", PORT_LIST),
     "aiomqtt": ("barewire/gateway/publish/publisher.py",),
-    "microdot": ("barewire/gateway/page.py",),
+    "microdot": ("barewire/gateway/page.py", "barewire_workbench/cli/panels/server.py"),
     "prometheus_client": ("barewire/gateway/status.py",),
     "click": ("barewire_workbench/cli/*.py",),
     "rich": ("barewire_workbench/cli/*.py",),

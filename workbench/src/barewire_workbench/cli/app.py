@@ -37,6 +37,7 @@ COMMANDS = {
     "watch": ("watch", "Read named values periodically, and log them."),
     "plot": ("plot", "Draw a log that `barewire watch --to` wrote."),
     "drive": ("drive", "Enable, move and stop a CiA 402 drive."),
+    "panel": ("panel", "Show a machine in a browser: live values, frames, writes."),
     "explain": ("explain", "Explain a frame byte by byte and check it."),
     "send": ("send", "Send the bytes of a frame as they are; explain the answer."),
     "steps": ("steps", "Work out a checksum, a time, a value or a word step by step."),

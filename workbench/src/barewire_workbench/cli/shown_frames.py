@@ -111,11 +111,12 @@ class ShownFrames:
         if self._is_closed:
             return
         try:
-            self._print_frame(word, digits, explanation)
+            self.show_frame(word, digits, explanation)
         except OSError:
             self._is_closed = True
 
-    def _print_frame(self, word: str, digits: str, explanation: Explanation) -> None:
+    def show_frame(self, word: str, digits: str, explanation: Explanation) -> None:
+        """Print one explained frame. `barewire panel` keeps it instead."""
         if self._output.as_json:
             print_json({"direction": word, "frame": digits, **explanation.as_dict()})
         elif self._every_field:

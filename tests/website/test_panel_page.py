@@ -1,0 +1,149 @@
+"""`barewire panel` in Chromium: live values, a write with its confirmation by keyboard, frames explained, two browsers.
+
+The page is checked by axe-core at the widths of a phone and of a desk, light and dark: nothing serious is found.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import threading
+import time
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any, Literal
+
+import pytest
+from playwright.sync_api import Browser, Page, expect
+
+from barewire import ModbusServer, load
+from barewire.devices.sim import MachineUnits, simulator
+from barewire_workbench.cli.panels.line import PanelLine, running
+from barewire_workbench.cli.panels.server import PanelServer
+from tools.website.browser import chromium
+from tools.website.explorer import pyodide_folder
+
+pytestmark = [pytest.mark.needs("chromium"), pytest.mark.long]
+_LOADED = 60_000
+"""The longest time in milliseconds, on a machine that does much else."""
+
+
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as started:
+        yield started
+
+
+@pytest.fixture
+def url() -> Iterator[str]:
+    """Serve the panel of a simulated stepper drive in a thread; yield its URL."""
+    urls: list[str] = []
+    started = threading.Event()
+    loop = asyncio.new_event_loop()
+    ended = asyncio.Event()
+
+    async def serve(line: PanelLine) -> None:
+        server = PanelServer(line, writable=True)
+        await server.start()
+        urls.append(server.url)
+        started.set()
+        await ended.wait()
+        await server.close()
+
+    machine = MachineUnits(simulator("csd-mt", time.monotonic()))
+    with (
+        ModbusServer("rtu://pty", machine) as device,
+        running(PanelLine(load("csd-mt"), f"{device.url}?timeout=20", period=0.1)) as line,
+    ):
+        thread = threading.Thread(target=loop.run_until_complete, args=(serve(line),))
+        thread.start()
+        try:
+            assert started.wait(30)
+            yield urls[0]
+        finally:
+            loop.call_soon_threadsafe(ended.set)
+            thread.join()
+            loop.close()
+
+
+def opened(browser: Browser, url: str, width: int = 1280, scheme: Literal["light", "dark"] = "light") -> Page:
+    page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    page.set_default_timeout(_LOADED)
+    problems: list[str] = []
+    page.on("pageerror", lambda error: problems.append(str(error)))
+    page.on("request", lambda request: None if request.url.startswith(("data:", url[:20])) else problems.append("out"))
+    page.goto(url)
+    expect(page.locator("body.alive")).to_be_visible(timeout=_LOADED)
+    assert problems == []
+    return page
+
+
+def value_of(page: Page, name: str) -> Any:
+    return page.locator("#values tr", has=page.get_by_role("rowheader", name=name)).locator("td.value")
+
+
+def test_a_value_is_written_by_keyboard_after_its_frame_was_shown_and_both_browsers_see_it(
+    browser: Browser, url: str
+) -> None:
+    page, other = opened(browser, url), opened(browser, url, width=390)
+    for each in (page, other):
+        each.get_by_label("Group").select_option("Motion")
+        expect(value_of(each, "Profile Velocity")).to_have_text("24000 step/s", timeout=_LOADED)
+    page.get_by_role("button", name="Write Profile Velocity").focus()
+    page.keyboard.press("Enter")
+    expect(page.get_by_role("button", name="Send it")).to_be_disabled()
+    page.keyboard.type("-1")
+    page.keyboard.press("Enter")
+    expect(page.locator("#plan .bad")).to_contain_text("expected", timeout=_LOADED)
+    page.keyboard.press("Control+a")
+    page.keyboard.type("7000")
+    page.keyboard.press("Enter")
+    expect(page.locator("#plan .frame")).to_contain_text("Write Multiple Registers", timeout=_LOADED)
+    page.keyboard.press("Enter")
+    expect(page.locator("#write-result")).to_contain_text("the device has 7000 step/s", timeout=_LOADED)
+    page.keyboard.press("Escape")
+    for each in (page, other):
+        expect(value_of(each, "Profile Velocity")).to_have_text("7000 step/s", timeout=_LOADED)
+        each.close()
+
+
+def test_a_frame_is_explained_on_click(browser: Browser, url: str) -> None:
+    page = opened(browser, url)
+    page.get_by_role("button", name="Hold").click()
+    page.locator("#frames button").first.click()
+    expect(page.locator("#explained")).to_contain_text("unit 1", timeout=_LOADED)
+    assert page.locator("#explained tr").count() >= 3
+    page.close()
+
+
+def test_without_the_token_the_page_says_how_to_get_it(browser: Browser, url: str) -> None:
+    page = opened(browser, url.partition("#")[0])
+    page.get_by_label("Group").select_option("Motion")
+    page.get_by_role("button", name="Write Profile Velocity").click()
+    page.get_by_label("New value").fill("6000")
+    page.get_by_role("button", name="Show the frame").click()
+    expect(page.locator("#plan .bad")).to_contain_text("open the URL that the command has printed", timeout=_LOADED)
+    page.close()
+
+
+@pytest.mark.parametrize("scheme", ["light", "dark"])
+@pytest.mark.parametrize("width", [390, 1280])
+def test_nothing_serious_is_found_and_nothing_is_wider_than_the_page(
+    browser: Browser, url: str, width: int, scheme: Literal["light", "dark"]
+) -> None:
+    page = opened(browser, url, width, scheme)
+    page.evaluate((Path(pyodide_folder()).parent / "axe-core" / "axe.min.js").read_text(encoding="utf-8"))
+    page.get_by_label("Group").select_option("Motion")
+    page.locator("#frames button").first.click()
+    for step in ("the page", "the dialog"):
+        if step == "the dialog":
+            page.get_by_role("button", name="Write Profile Velocity").click()
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, step
+        found: dict[str, Any] = page.evaluate("axe.run({resultTypes: ['violations']})")
+        serious = [
+            f"{violation['id']}: {node['html'][:120]}"
+            for violation in found["violations"]
+            if violation["impact"] in ("serious", "critical")
+            for node in violation["nodes"]
+        ]
+        assert serious == [], step
+    page.close()

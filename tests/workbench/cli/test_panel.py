@@ -1,0 +1,435 @@
+"""`barewire panel`: one poll for all browsers, writes that are not lost, a machine that goes and comes, who may write.
+
+The line is run in virtual time where a test does not need the port of the page.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import http.client
+import json
+import socket
+import threading
+import time
+import tracemalloc
+from collections import Counter
+from collections.abc import AsyncIterator, Iterator
+from contextlib import asynccontextmanager, contextmanager
+from datetime import datetime
+from typing import Any
+
+import pytest
+
+from barewire import ModbusServer, connect, load
+from barewire.devices.sim import MachineUnits, simulator
+from barewire.errors import BarewireError, NoAnswer
+from barewire_workbench.cli.panels.line import Busy, PanelLine, running
+from barewire_workbench.cli.panels.server import PanelServer, planned_frames
+from barewire_workbench.live.polling import Clock
+from tests.workbench.cli.helpers import error_of
+
+STATUS, CURRENT = "Status", "L1 current"
+SETTING = "Current Ratio"
+
+
+class VirtualClock(Clock):
+    """A clock that tests advance."""
+
+    def __init__(self) -> None:
+        self.time = 0.0
+
+    def now(self) -> float:
+        return self.time
+
+    def date(self) -> datetime:
+        raise NotImplementedError
+
+
+@contextmanager
+def csd_mt(url: str = "rtu://pty") -> Iterator[str]:
+    """Serve a simulated stepper drive; yield the URL for clients, with a time-out that a busy machine does not miss."""
+    with ModbusServer(url, MachineUnits(simulator("csd-mt", time.monotonic()))) as server:
+        yield f"{server.url}{'&' if '?' in server.url else '?'}timeout=20"
+
+
+@asynccontextmanager
+async def panel(
+    endpoint: str, *, writable: bool = True, **options: Any
+) -> AsyncIterator[tuple[PanelServer, PanelLine]]:
+    with running(PanelLine(load("csd-mt"), endpoint, period=0.05)) as line:
+        server = PanelServer(line, writable=writable, **options)
+        await server.start()
+        try:
+            yield server, line
+        finally:
+            await server.close()
+
+
+def port_of(server: PanelServer) -> int:
+    return int(server.url.split("/")[2].rpartition(":")[2])
+
+
+def request(
+    server: PanelServer, method: str, path: str, body: Any = None, **headers: str
+) -> tuple[int, dict[str, Any], http.client.HTTPMessage]:
+    """Send a request as a browser does, in a thread; return status, answer and headers."""
+    client = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=60)
+    try:
+        client.request(method, path, None if body is None else json.dumps(body), headers)
+        response = client.getresponse()
+        return response.status, json.loads(response.read()), response.headers
+    finally:
+        client.close()
+
+
+async def written(server: PanelServer, text: str, path: str = "/write", **headers: str) -> tuple[int, dict[str, Any]]:
+    sent = {"X-Token": server.token or "", **headers}
+    answer = await asyncio.to_thread(request, server, "POST", path, {"name": SETTING, "text": text}, **sent)
+    return answer[:2]
+
+
+async def events(server: PanelServer, *names: str) -> AsyncIterator[dict[str, Any]]:
+    """Yield the events of a browser that looks at these values."""
+    reader, writer = await asyncio.open_connection("127.0.0.1", port_of(server), limit=1 << 20)
+    try:
+        query = "&".join(f"name={name.replace(' ', '%20')}" for name in names)
+        writer.write(f"GET /events?{query} HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n".encode())
+        async for line in reader:
+            if line.startswith(b"data: "):
+                yield json.loads(line[6:])
+    finally:
+        writer.close()
+
+
+# The line
+
+
+class Machine:
+    """A machine in place of a client: counts what is asked, and is silent while `is_silent`."""
+
+    def __init__(self) -> None:
+        self.device = load("csd-mt")
+        self.values: dict[str, Any] = {}
+        self.asked: list[tuple[str, ...]] = []
+        self.is_silent = False
+
+    def __call__(self, *_: Any, **options: Any) -> Machine:
+        self.watch = options["watch"]
+        return self
+
+    def read_all(self, names: Any) -> Any:
+        self.asked.append(tuple(names))
+        if self.is_silent:
+            raise NoAnswer("unit 1: no answer within 1 s")
+        from barewire.devices import Reading
+
+        return [Reading(self.device.find(name), self.values.get(name, 0)) for name in names]
+
+    def read(self, name: str) -> Any:
+        return self.read_all([name])[0]
+
+    def write(self, name: str, value: Any) -> None:
+        if self.is_silent:
+            raise NoAnswer("unit 1: no answer within 1 s")
+        self.values[name] = value
+
+    def close(self) -> None:
+        pass
+
+
+def line_of(machine: Any, clock: Clock | None = None) -> PanelLine:
+    return PanelLine(load("csd-mt"), "rtu:///dev/x", check=False, connect=machine, clock=clock or VirtualClock())
+
+
+def test_only_what_somebody_looks_at_is_polled_and_once_for_all() -> None:
+    line = line_of(machine := Machine())
+    line.turn()
+    assert machine.asked == []
+    with line.look_at([SETTING, "Status Word"]), line.look_at(["Status Word"]), line.look_at([SETTING]):
+        line.turn()
+        machine.asked.clear()
+        line.turn()
+        assert [sorted(names) for names in machine.asked] == [sorted([SETTING, "Status Word"])]
+    machine.asked.clear()
+    line.turn()
+    assert machine.asked == []
+
+
+def test_a_slow_line_is_used_at_most_half_of_the_time() -> None:
+    clock = VirtualClock()
+
+    class Slow(Machine):
+        def read_all(self, names: Any) -> Any:
+            clock.time += 3
+            return super().read_all(names)
+
+    line = line_of(Slow(), clock)
+    with line.look_at([SETTING]):
+        line.turn()
+        assert line.turn() == 6
+
+
+def test_a_silent_machine_is_asked_for_one_value_and_shown_as_dead_until_it_answers() -> None:
+    clock = VirtualClock()
+    line = line_of(machine := Machine(), clock)
+    with line.look_at(names := [SETTING, "Status Word", "Homing Method"]):
+        line.turn()
+        machine.is_silent = True
+        line.turn()
+        machine.asked.clear()
+        clock.time += 90
+        line.turn()
+        assert [len(asked) for asked in machine.asked] == [1]
+        state = line.changes_since(0, names)
+        assert (state["alive"], state["for"]) == (False, 90)
+        assert "no answer" in state["problem"]
+        machine.is_silent, machine.values = False, {SETTING: 55}
+        line.turn()
+        state = line.changes_since(0, names)
+        assert state["alive"] is True
+        assert state["values"][SETTING][:2] == (55, "55 %")
+
+
+def test_a_write_to_a_silent_machine_fails_once_and_is_not_repeated() -> None:
+    line = line_of(machine := Machine())
+    machine.is_silent = True
+    result = line.write(SETTING, 50)
+    line.turn()
+    assert isinstance(result.exception(0), NoAnswer)
+    machine.is_silent = False
+    line.turn()
+    assert machine.values == {}
+
+
+def test_more_writes_than_may_wait_are_refused_and_none_is_forgotten() -> None:
+    line = line_of(Machine())
+    results = [line.write(SETTING, number) for number in range(32)]
+    with pytest.raises(Busy):
+        line.write(SETTING, 99)
+    line.turn()
+    assert [result.result(0) for result in results] == [f"written; the device has {number} %" for number in range(32)]
+
+
+def test_when_the_thread_ends_waiting_writes_fail() -> None:
+    class Broken(Machine):
+        def write(self, name: str, value: Any) -> None:
+            raise ZeroDivisionError
+
+    line = line_of(Broken())
+    first, second = line.write(SETTING, 1), line.write(SETTING, 2)
+    with pytest.raises(ZeroDivisionError):
+        line.run()
+    assert isinstance(first.exception(0), ZeroDivisionError)
+    assert isinstance(second.exception(0), BarewireError)
+    with pytest.raises(Busy):
+        line.write(SETTING, 3)
+
+
+@pytest.mark.proof
+def test_an_hour_with_twenty_viewers_takes_no_more_memory() -> None:
+    """7,200 polls of half a second in compressed time; the first tenth fills what is kept."""
+    clock = VirtualClock()
+    machine = simulator("csd-mt")
+    with ModbusServer("tcp://127.0.0.1:0", MachineUnits(machine)) as server:
+        line = PanelLine(load("csd-mt"), f"{server.url}?timeout=20", connect=connect, clock=clock)
+        names = [SETTING, "Status Word"]
+        tracemalloc.start()
+        try:
+            with line.look_at(names):
+                revisions = [0] * 20
+                sizes = []
+                for number in range(7200):
+                    clock.time += line.turn()
+                    for viewer in range(20):
+                        revisions[viewer] = line.changes_since(revisions[viewer], names)["revision"]
+                    if number % 720 == 719:
+                        sizes.append(tracemalloc.get_traced_memory()[0])
+        finally:
+            tracemalloc.stop()
+            line._close()
+    assert line.polls == 7201  # the first asks for one value, then for all
+    assert clock.time >= 3600
+    assert max(sizes[1:]) < sizes[0] * 1.05
+
+
+# The page
+
+
+def test_twenty_browsers_cost_one_poll_and_no_write_is_lost() -> None:
+    async def main() -> None:
+        with csd_mt() as endpoint:
+            async with panel(endpoint) as (server, line):
+                newest: list[dict[str, Any]] = [{} for _ in range(20)]
+
+                async def look(viewer: int) -> None:
+                    async for event in events(server, SETTING, "Status Word"):
+                        newest[viewer] |= event["values"]
+
+                async with asyncio.TaskGroup() as group:
+                    viewers = [group.create_task(look(viewer)) for viewer in range(20)]
+                    while server.viewers < 20:
+                        await asyncio.sleep(0.01)
+                    polls, before = line.polls, line.revision
+                    answers = await asyncio.gather(*(written(server, str(50 + number)) for number in range(20)))
+                    assert {status for status, _ in answers} == {200}
+                    assert len({answer["result"] for _, answer in answers}) == 20
+                    for number, (_, answer) in enumerate(answers):
+                        assert answer["result"].endswith(f"the device has {50 + number} %")
+                    while line.polls < polls + 5:
+                        await asyncio.sleep(0.01)
+                    while len({json.dumps(values) for values in newest}) > 1 or not newest[0]:
+                        await asyncio.sleep(0.01)
+                    requests = Counter(
+                        frame.digits for frame in line.frames if frame.direction == "sent" and frame.number > before
+                    )
+                    reads = [count for digits, count in requests.items() if digits.startswith("01 03")]
+                    # Each poll takes two requests; each write is read back.
+                    assert sum(reads) <= 2 * (line.polls - polls + 2) + 20
+                    for viewer in viewers:
+                        viewer.cancel()
+                while server.viewers:
+                    await asyncio.sleep(0.01)
+
+    asyncio.run(main())
+
+
+def test_a_page_that_stays_open_sees_the_machine_go_and_come_again() -> None:
+    async def main() -> None:
+        with csd_mt("tcp://127.0.0.1:0") as endpoint:
+            port = endpoint.partition("?")[0].rpartition(":")[2]
+            opened = panel(endpoint)
+            server, _ = await opened.__aenter__()
+            stream = events(server, SETTING)
+            async for event in stream:
+                if event["alive"]:
+                    break
+        async for event in stream:
+            if not event["alive"]:
+                break
+        with csd_mt(f"tcp://127.0.0.1:{port}"):
+            async for event in stream:
+                if event["alive"]:
+                    break
+            await stream.aclose()  # type: ignore[attr-defined]
+            await opened.__aexit__(None, None, None)
+
+    asyncio.run(main())
+
+
+def test_a_browser_that_does_not_read_is_cut_off() -> None:
+    async def main() -> None:
+        with csd_mt() as endpoint:
+            async with panel(endpoint, stalled=0.2) as (server, line):
+                for explained in range(400):  # frames, so that an event is larger than what a socket takes
+                    line._frames.watch("sent", bytes(250) + explained.to_bytes(2))
+                browser = socket.socket()
+                browser.setsockopt(socket.SOL_SOCKET, socket.SO_RCVBUF, 4096)
+                browser.connect(("127.0.0.1", port_of(server)))
+                browser.sendall(b"GET /events?name=Status%20Word HTTP/1.1\r\nHost: 127.0.0.1\r\n\r\n")
+                while not server.viewers:
+                    await asyncio.sleep(0.01)
+                number = 0
+                while server.viewers:
+                    number += 1
+                    line._frames.watch("sent", bytes(250) + number.to_bytes(2))
+                    line.on_change()
+                    await asyncio.sleep(0.001)
+                browser.close()
+
+    asyncio.run(main())
+
+
+@pytest.mark.parametrize(
+    ("path", "headers", "reason"),
+    [
+        ("/", {"Host": "evil.example"}, "another name"),
+        ("/events", {"Host": "evil.example:80"}, "another name"),
+        ("/device.json", {"Origin": "http://evil.example"}, "another site"),
+        ("/write", {"X-Token": "wrong"}, "token"),
+        ("/write", {"Origin": "http://evil.example"}, "another site"),
+        ("/plan", {}, "token"),
+    ],
+)
+def test_other_sites_and_requests_without_the_token_are_refused(
+    path: str, headers: dict[str, str], reason: str
+) -> None:
+    async def main() -> None:
+        async with panel("rtu:///dev/none") as (server, line):
+            method = "POST" if path in ("/write", "/plan") else "GET"
+            body = {"name": SETTING, "text": "50"} if method == "POST" else None
+            status, answer, _ = await asyncio.to_thread(request, server, method, path, body, **headers)
+            assert status == 403
+            assert reason in answer["problem"]
+            assert line._machine is None
+
+    asyncio.run(main())
+
+
+def test_without_write_nothing_can_be_written() -> None:
+    async def main() -> None:
+        async with panel("rtu:///dev/none", writable=False) as (server, _):
+            assert "#" not in server.url
+            status, answer = await written(server, "50")
+            assert (status, answer["problem"]) == (403, "this panel only shows: start it with --write to write")
+
+    asyncio.run(main())
+
+
+def test_a_plan_shows_the_frames_and_sends_nothing() -> None:
+    async def main() -> None:
+        async with panel("rtu:///dev/none") as (server, line):
+            status, plan = await written(server, "55", "/plan")
+            assert status == 200
+            assert (plan["raw"], plan["value"]) == ("0037", "55 %")
+            ((digits, verdict),) = plan["frames"]
+            assert digits.startswith("01 06") or digits.startswith("01 10")
+            assert verdict.startswith("valid: a request to unit 1, Write")
+            for text in ("1000", "many", ""):
+                status, answer = await written(server, text, "/plan")
+                assert status == 400
+                assert SETTING in answer["problem"]
+            assert line._machine is None
+
+    asyncio.run(main())
+
+
+def test_the_frames_of_a_plan_are_those_that_a_write_sends() -> None:
+    device, sent = load("csd-mt"), []
+    with (
+        csd_mt("tcp://127.0.0.1:0") as endpoint,
+        connect(device, endpoint, watch=lambda *row: sent.append(row)) as drive,
+    ):
+        drive.write(SETTING, 55)
+    planned = planned_frames(endpoint, device, device.find(SETTING), 55)
+    assert [digits[6:] for digits, _ in planned] == [data.hex(" ").upper()[6:] for way, data in sent if way == "sent"]
+
+
+def test_bytes_that_are_no_http_close_the_connection() -> None:
+    async def main() -> None:
+        async with panel("rtu:///dev/none") as (server, _):
+            for data in (b"\r\n\r\n", b"\xff" * 3000 + b"\r\n\r\n", b"GET\r\n\r\n", b"POST /write HTTP/1.1\r\n\r\n{"):
+                reader, writer = await asyncio.open_connection("127.0.0.1", port_of(server))
+                writer.write(data)
+                writer.write_eof()
+                await reader.read()
+                writer.close()
+            answer = await asyncio.to_thread(request, server, "GET", "/device.json")
+            assert answer[0] == 200
+            assert "default-src 'none'" in answer[2]["Content-Security-Policy"]
+
+    asyncio.run(main())
+
+
+def test_a_wrong_device_and_a_busy_port_are_one_line() -> None:
+    assert "no-such" in error_of("panel", "tcp://127.0.0.1:1", "no-such", status=2)
+
+
+def test_no_thread_is_left() -> None:
+    before = threading.active_count()
+
+    async def main() -> None:
+        async with panel("rtu:///dev/none") as (server, _):
+            await asyncio.to_thread(request, server, "GET", "/device.json")
+
+    asyncio.run(main())
+    assert threading.active_count() == before

@@ -1,0 +1,72 @@
+"""`barewire panel`: the page of a machine for browsers on this computer, until interrupted."""
+
+from __future__ import annotations
+
+import asyncio
+import signal
+
+import click
+
+from barewire.devices import Device
+from barewire.errors import PortError
+from barewire_workbench.cli.arguments import device_argument, endpoint_argument, load_device, no_check_option
+
+
+@click.command("panel")
+@endpoint_argument
+@device_argument
+@click.option("--write", "writable", is_flag=True, help="Let the page write values; the URL has a token then.")
+@click.option("--port", type=click.IntRange(0, 65535), default=0, help="TCP port of the page; without it, a free one.")
+@click.option(
+    "--period",
+    type=click.FloatRange(0.05, 3600),
+    default=0.5,
+    show_default=True,
+    metavar="S",
+    help="Seconds between two polls; the line is used half of the time at most.",
+)
+@no_check_option
+def panel_command(endpoint: str, device: str, writable: bool, port: int, period: float, no_check: bool) -> None:
+    """Show a machine in a browser: its values by group, live, and each frame explained; until interrupted.
+
+    The page is on 127.0.0.1 only, and loads nothing from elsewhere. Its URL is printed. It only reads, unless --write
+    is given: then it shows the frames of a write before they are sent. Only what a browser shows is polled, and several
+    browsers cost one poll.
+
+    \b
+    barewire panel "rtu:///dev/ttyUSB0?unit=1" adxl
+    barewire panel tcp://127.0.0.1:1502 csd-mt --write --port 8510
+
+    It needs microdot: pip install barewire[panel]. From another computer: ssh -L 8510:127.0.0.1:8510 HOST.
+    """
+    serve_panel(
+        load_device(device, endpoint), endpoint, writable=writable, port=port, period=period, check=not no_check
+    )
+
+
+def serve_panel(
+    device: Device, endpoint: str, *, writable: bool, port: int = 0, period: float = 0.5, check: bool = True
+) -> None:
+    """Serve the page of a machine until a signal ends it. Raises PortError for the port of the page, and without
+    microdot. The port of the machine is opened when a browser looks."""
+    try:
+        from barewire_workbench.cli.panels.line import PanelLine, running
+        from barewire_workbench.cli.panels.server import PanelServer
+    except ModuleNotFoundError as error:
+        if error.name != "microdot":
+            raise
+        raise PortError("the page needs the extra 'panel': pip install 'barewire[panel]'") from None
+
+    async def serve() -> None:
+        loop, ended = asyncio.get_running_loop(), asyncio.Event()
+        for number in (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
+            if signal.getsignal(number) is not signal.SIG_IGN:
+                signal.signal(number, lambda *_: loop.call_soon_threadsafe(ended.set))
+        with running(PanelLine(device, endpoint, period=period, check=check)) as line:
+            server = PanelServer(line, writable=writable)
+            await server.start(port)
+            print(f"panel {server.url}", flush=True)
+            await ended.wait()
+            await server.close()
+
+    asyncio.run(serve())

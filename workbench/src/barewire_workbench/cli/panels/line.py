@@ -1,0 +1,290 @@
+"""The machine of a panel: one thread owns the port, whatever the number of browsers.
+
+    browsers     look_at(names) ... look_at(names)       write(name, value)        changes_since(revision)
+                        \\      /                              |                          ^
+    thread        the union is polled, in blocks     between two blocks      values and frames, numbered
+
+Only what is looked at is polled, and at most half of the time, so that a slow line stays free for writes. A machine
+that does not answer is asked for one value only until it does. A write is sent once, and read back.
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import Counter, deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
+from concurrent.futures import Future
+from contextlib import contextmanager, suppress
+from queue import Empty, Full, Queue
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+from barewire import connect
+from barewire.codecs import Value
+from barewire.devices import Device, Reading
+from barewire.errors import BarewireError, NoAnswer, PortError, Refused
+from barewire_workbench.cli.shown_frames import ShownFrames
+from barewire_workbench.live.check_device import check_device
+from barewire_workbench.live.polling import Clock, Poller
+from barewire_workbench.live.results import text_with_notes
+from barewire_workbench.value_log.sample import plain_value
+
+if TYPE_CHECKING:
+    from barewire_workbench import Explanation
+
+_BLOCK = 16
+"""Values of one poller: a write waits for one block at most."""
+_FRAMES = 300
+"""Frames that are kept."""
+_WRITES = 32
+"""Writes that may wait."""
+_IDLE = 0.5
+"""Seconds after which the thread looks whether there is something to do."""
+
+
+class Busy(BarewireError):
+    """Too many writes wait for the line."""
+
+
+class KeptFrame(NamedTuple):
+    """A frame that passed."""
+
+    number: int
+    direction: str
+    digits: str
+    explanation: Explanation
+
+
+class _KeptFrames(ShownFrames):
+    """Joins frames and explains them; a panel keeps them."""
+
+    def __init__(self, endpoint: str, device: Device, keep: Callable[[str, str, Explanation], None]) -> None:
+        super().__init__(endpoint, device)
+        self._keep = keep
+
+    def show_frame(self, word: str, digits: str, explanation: Explanation) -> None:
+        """Keep one explained frame."""
+        self._keep(word, digits, explanation)
+
+
+class PanelLine:
+    """A machine that is polled for whoever looks. `turn` does what is due now; `run` repeats it in a thread."""
+
+    def __init__(
+        self,
+        device: Device,
+        endpoint: str,
+        *,
+        period: float = 0.5,
+        check: bool = True,
+        connect: Callable[..., Any] = connect,
+        clock: Clock = Clock(),  # noqa: B008  # has no state
+    ) -> None:
+        self.device, self.endpoint, self.period = device, endpoint, period
+        self.on_change: Callable[[], None] = lambda: None
+        self.revision = 0
+        self.polls = 0
+        self.frames: deque[KeptFrame] = deque(maxlen=_FRAMES)
+        self._frames = _KeptFrames(endpoint, device, self._keep_frame)
+        self._connect, self._check, self._clock = connect, check, clock
+        self._machine: Any = None
+        self._is_known = False
+        self._problem, self._is_alive, self._since = "not asked yet", False, clock.now()
+        self._start = clock.now()
+        self._cells: dict[str, tuple[int, Any, str, str]] = {}  # name -> revision, value, text, why there is none
+        self._looked_at: Counter[str] = Counter()
+        self._pollers: dict[tuple[str, ...], Poller] = {}
+        self._writes: Queue[tuple[str, Value, Future[str]]] = Queue(_WRITES)
+        self._lock = threading.Lock()
+        self._wake = threading.Event()
+        self._stop = False
+
+    # For browsers, from any thread
+
+    @contextmanager
+    def look_at(self, names: Iterable[str]) -> Iterator[None]:
+        """Have these values polled while the block runs."""
+        names = list(dict.fromkeys(names))
+        with self._lock:
+            self._looked_at.update(names)
+        self._wake.set()
+        try:
+            yield
+        finally:
+            with self._lock:
+                self._looked_at -= Counter(names)
+
+    def write(self, name: str, value: Value) -> Future[str]:
+        """Have a value written; the result says what the machine has then. Raises Busy."""
+        result: Future[str] = Future()
+        try:
+            if self._stop:
+                raise Busy("the panel has ended: nothing was sent")
+            self._writes.put_nowait((name, value, result))
+        except Full:
+            raise Busy(f"{_WRITES} writes wait for the line: try again") from None
+        self._wake.set()
+        return result
+
+    def changes_since(self, revision: int, names: Iterable[str]) -> dict[str, Any]:
+        """Return the state of the machine, and the values and frames that are newer than a revision."""
+        with self._lock:
+            cells = {name: self._cells[name] for name in names if name in self._cells}
+            return {
+                "revision": self.revision,
+                "at": round(self._clock.now() - self._start, 3),
+                "alive": self._is_alive,
+                "problem": self._problem,
+                "for": round(self._clock.now() - self._since, 1),
+                "polls": self.polls,
+                "values": {name: cell[1:] for name, cell in cells.items() if cell[0] > revision},
+                "frames": [
+                    (frame.number, frame.direction, frame.digits, frame.explanation.verdict, frame.explanation.valid)
+                    for frame in self.frames
+                    if frame.number > revision
+                ],
+            }
+
+    def frame(self, number: int) -> KeptFrame | None:
+        """Return a frame by its number; None if it is no longer kept."""
+        with self._lock:
+            return next((frame for frame in self.frames if frame.number == number), None)
+
+    # In the thread of the line
+
+    def run(self) -> None:
+        """Do what is due until `stop`."""
+        try:
+            while not self._stop:
+                self._wake.clear()
+                pause = self.turn()
+                if self._writes.empty():
+                    self._wake.wait(pause)
+        except BaseException as error:
+            self._is_alive, self._problem = False, f"the code of the panel failed: {error!r}"
+            raise
+        finally:
+            self._stop = True
+            with suppress(Empty):
+                while True:
+                    self._writes.get_nowait()[2].set_exception(BarewireError("the panel has ended: nothing was sent"))
+            self._close()
+
+    def stop(self) -> None:
+        """End `run` after what it is doing. A write that waits is not sent, and fails."""
+        self._stop = True
+        self._wake.set()
+
+    def turn(self) -> float:
+        """Write what waits, poll once what is looked at; return the seconds until the next poll is due."""
+        start = self._clock.now()
+        with self._lock:
+            names = [row.name for row in self.device.parameters if self._looked_at[row.name]]
+        try:
+            self._do_writes()
+            if names:
+                if not self._is_alive:
+                    self._poll(names[:1])
+                self._poll(names)
+        except BarewireError as error:
+            self._failed(error)
+        self._frames.flush()
+        self.on_change()
+        return max(self.period, 2 * (self._clock.now() - start)) if names else _IDLE
+
+    def _poll(self, names: Sequence[str]) -> None:
+        machine = self._opened()
+        blocks = [tuple(names[place : place + _BLOCK]) for place in range(0, len(names), _BLOCK)]
+        self._pollers = {block: self._pollers.get(block) or Poller(block) for block in blocks}
+        for block in blocks:
+            try:
+                poll = self._pollers[block].poll(machine)
+            except Refused as error:  # every value of the block
+                self._keep((), dict.fromkeys(block, str(error).partition("; while reading ")[0]))
+            else:
+                self._keep(poll.readings, poll.refused)
+            self._answered()
+            self._do_writes()
+        self.polls += 1
+
+    def _do_writes(self) -> None:
+        while not self._writes.empty():
+            name, value, result = self._writes.get_nowait()
+            if not result.set_running_or_notify_cancel():
+                continue
+            try:
+                machine = self._opened(before_write=True)
+                machine.write(name, value)
+                result.set_result(self._read_back(machine, name))
+                self._answered()
+            except BarewireError as error:
+                result.set_exception(error)
+                if isinstance(error, (NoAnswer, PortError)):
+                    raise
+            except BaseException as error:
+                result.set_exception(error)
+                raise
+
+    def _read_back(self, machine: Any, name: str) -> str:
+        parameter = self.device.find(name)
+        if not (parameter.readable and parameter.answered):
+            return "sent: it cannot be read back"
+        try:
+            reading = machine.read(name)
+        except BarewireError as error:
+            return f"written; not read back: {error}"
+        self._keep([reading], {})
+        return f"written; the device has {parameter.text(reading.value)}"
+
+    def _opened(self, *, before_write: bool = False) -> Any:
+        """Return the connected machine, asked once for each connection what it is."""
+        if self._machine is None:
+            self._machine = self._connect(self.device, self.endpoint, watch=self._frames.watch)
+            self._is_known = not self._check
+        if not self._is_known:
+            check_device(self._machine, before_write=before_write)
+            self._is_known = True
+        return self._machine
+
+    def _answered(self) -> None:
+        if not self._is_alive:
+            self._is_alive, self._problem, self._since = True, "", self._clock.now()
+
+    def _failed(self, error: BarewireError) -> None:
+        with self._lock:
+            if self._is_alive:
+                self._is_alive, self._since = False, self._clock.now()
+            self._problem = text_with_notes(error)
+            self._is_known = not self._check  # what answers next may be another machine
+        if isinstance(error, PortError):
+            self._close()
+
+    def _close(self) -> None:
+        if self._machine is not None:
+            self._machine.close()
+            self._machine = None
+
+    def _keep(self, readings: Iterable[Reading], refused: dict[str, str]) -> None:
+        rows = [(row.name, plain_value(row.value), row.parameter.text(row.value), "") for row in readings]
+        rows += [(name, None, "", reason) for name, reason in refused.items()]
+        with self._lock:
+            for name, *cell in rows:
+                if name not in self._cells or self._cells[name][1:] != tuple(cell):
+                    self.revision += 1
+                    self._cells[name] = (self.revision, *cell)
+
+    def _keep_frame(self, direction: str, digits: str, explanation: Explanation) -> None:
+        with self._lock:
+            self.revision += 1
+            self.frames.append(KeptFrame(self.revision, direction, digits, explanation))
+
+
+@contextmanager
+def running(line: PanelLine) -> Iterator[PanelLine]:
+    """Run a line in a thread while the block runs."""
+    thread = threading.Thread(target=line.run, name=line.endpoint, daemon=True)
+    thread.start()
+    try:
+        yield line
+    finally:
+        line.stop()
+        thread.join(5)

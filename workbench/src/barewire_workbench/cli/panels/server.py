@@ -1,0 +1,340 @@
+"""The page of a panel on a port of this machine, and who may write.
+
+    GET  /               the page and its files, which load nothing from elsewhere
+    GET  /device.json    groups and parameters of the device
+    GET  /events         ?name=A&name=B: what changes, as server-sent events, while the connection is open
+    GET  /frame          ?number=N: a frame field by field
+    POST /plan  /write   {"name": ..., "text": ...}: the frames that would be sent; sent, and what the device has then
+
+A request must name this machine as its host, which a page of another site cannot (DNS rebinding), and must not come
+from another origin. Writing needs the token of the printed URL, which stands behind its # and is sent in a header only.
+A browser that does not read its events for `_STALLED` seconds is cut off; nothing is queued for it, as each event has
+the newest values.
+"""
+
+from __future__ import annotations
+
+import asyncio
+import hmac
+import json
+import secrets
+import socket
+from contextlib import suppress
+from importlib.resources import files
+from typing import Any
+from urllib.parse import urlsplit
+
+from microdot import Microdot, Request, Response
+
+from barewire.devices import Device, Parameter
+from barewire.devices.cia402 import STATUS_PATTERNS, TRANSITIONS
+from barewire.devices.request_checks import to_write
+from barewire.errors import BarewireError, PortError
+from barewire.io.endpoint import Endpoint
+from barewire.io.ports.network import reason
+from barewire_workbench.cli.dry_run import address_text, frames_of, raw_text
+from barewire_workbench.cli.panels.line import Busy, PanelLine
+from barewire_workbench.cli.shown_frames import ShownFrames
+from barewire_workbench.cli.value_text import parse_value
+
+_FILES = {
+    "": ("index.html", "text/html"),
+    "panel.css": ("panel.css", "text/css"),
+    "panel.js": ("panel.js", "text/javascript"),
+}
+_HEADERS = {
+    "Cache-Control": "no-store",
+    "Content-Security-Policy": "default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self'; "
+    "img-src 'self' data:; base-uri 'none'; form-action 'none'; frame-ancestors 'none'",
+    "X-Content-Type-Options": "nosniff",
+    "Referrer-Policy": "no-referrer",
+    "Cross-Origin-Resource-Policy": "same-origin",
+}
+_HOSTS = {"127.0.0.1", "localhost", "::1"}
+_TIMEOUT = 10.0
+"""Seconds that a request may take to arrive."""
+_STALLED = 10.0
+"""Seconds after which a browser that does not read is cut off."""
+_UNREAD = 65536
+"""Bytes that wait for a browser, here and in the kernel."""
+_QUIET = 5.0
+"""Seconds after which an event is sent though nothing has changed: a closed connection is noticed."""
+_VIEWERS = 64
+_NAMES = 100
+"""Values that one browser may look at."""
+
+
+class PanelServer:
+    """The page of one machine. `start` opens the port on loopback. `token` is None if nothing may be written."""
+
+    def __init__(self, line: PanelLine, *, writable: bool, stalled: float = _STALLED) -> None:
+        self.line = line
+        self.token = secrets.token_urlsafe(16) if writable else None
+        self.viewers = 0
+        self.url = ""
+        self._stalled = stalled
+        self._changed = asyncio.Event()
+        self._is_can = Endpoint.parse(line.endpoint).scheme == "can"
+        self._server: asyncio.Server | None = None
+        self._connections: set[asyncio.Task[None]] = set()
+
+    async def start(self, port: int = 0) -> None:
+        """Open the port. Raises PortError."""
+        loop = asyncio.get_running_loop()
+
+        def notify() -> None:
+            with suppress(RuntimeError):  # the loop has ended
+                loop.call_soon_threadsafe(self._notify)
+
+        self.line.on_change = notify
+        try:
+            self._server = await asyncio.start_server(self._accept, "127.0.0.1", port, limit=65536)
+        except OSError as error:
+            raise PortError(f"127.0.0.1:{port}: {reason(error)}") from None
+        self._app = self._routes()
+        self.url = f"http://127.0.0.1:{self._server.sockets[0].getsockname()[1]}/"
+        if self.token is not None:
+            self.url += f"#{self.token}"
+
+    async def close(self) -> None:
+        """Release the port, and close every connection."""
+        if self._server is not None:
+            self._server.close()
+        for task in self._connections:
+            task.cancel()
+        await asyncio.gather(*self._connections, return_exceptions=True)
+
+    def _notify(self) -> None:
+        changed, self._changed = self._changed, asyncio.Event()
+        changed.set()
+
+    # Requests
+
+    def _accept(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        task = asyncio.create_task(self._handle(reader, writer))
+        self._connections.add(task)
+        task.add_done_callback(self._connections.discard)
+
+    async def _handle(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        """Answer one request, then close."""
+        with suppress(Exception):  # bytes that are no HTTP, a browser that has gone: there is nobody to tell
+            stream: Any = writer
+            async with asyncio.timeout(_TIMEOUT):
+                request = await Request.create(self._app, reader, stream, writer.get_extra_info("peername"))
+            if request is not None:
+                problem = self._forbidden(request)
+                if problem:
+                    response = _problem(problem, 403)
+                elif request.path == "/events" and request.method == "GET":
+                    await self._send_events(request, writer)
+                    return
+                else:
+                    response = await self._app.dispatch_request(request)
+                async with asyncio.timeout(self._stalled):
+                    await response.write(_Drained(writer))
+        writer.transport.abort() if writer.transport.get_write_buffer_size() else writer.close()
+
+    def _forbidden(self, request: Request) -> str:
+        """Return why a request is refused, or an empty text."""
+        host = request.headers.get("Host", "")
+        if urlsplit(f"//{host}").hostname not in _HOSTS:
+            return "the panel is asked by another name than that of this machine"
+        origin = request.headers.get("Origin")
+        if origin is not None and origin != f"http://{host}":
+            return "the request comes from a page of another site"
+        if request.method == "POST":
+            if self.token is None:
+                return "this panel only shows: start it with --write to write"
+            if not hmac.compare_digest(request.headers.get("X-Token", "").encode(), self.token.encode()):
+                return "the token is missing: open the URL that the command has printed"
+        return ""
+
+    async def _send_events(self, request: Request, writer: asyncio.StreamWriter) -> None:
+        """Send what changes until the browser closes the connection, or does not read."""
+        known = {row.name for row in self.line.device.parameters}
+        names = [name for name in request.args.getlist("name") if name in known][:_NAMES]
+        readable = [name for name in names if self.line.device.find(name).readable]
+        head = "\r\n".join(f"{name}: {text}" for name, text in _HEADERS.items())
+        too_many = self.viewers >= _VIEWERS
+        status = "503 Too many viewers" if too_many else "200 OK"
+        writer.write(f"HTTP/1.0 {status}\r\nContent-Type: text/event-stream\r\n{head}\r\n\r\n".encode())
+        if too_many:
+            writer.close()
+            return
+        writer.transport.set_write_buffer_limits(high=_UNREAD)
+        writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, socket.SO_SNDBUF, _UNREAD)
+        self.viewers += 1
+        try:
+            with self.line.look_at(readable):
+                revision = 0
+                while not writer.is_closing():
+                    changed = self._changed
+                    event = self.line.changes_since(revision, readable)
+                    revision = event["revision"]
+                    writer.write(f"data: {json.dumps(event)}\n\n".encode())
+                    async with asyncio.timeout(self._stalled):
+                        await writer.drain()
+                    with suppress(TimeoutError):
+                        async with asyncio.timeout(_QUIET):
+                            await changed.wait()
+        finally:
+            self.viewers -= 1
+            writer.transport.abort()
+
+    def _routes(self) -> Microdot:
+        app = Microdot()
+        app.get("/device.json")(self._device)
+        app.get("/frame")(self._frame)
+        app.get("/")(_file)
+        app.get("/<name>")(_file)
+        app.post("/plan")(self._plan)
+        app.post("/write")(self._write)
+        return app
+
+    async def _device(self, request: Request) -> Response:
+        described = description(self.line.device, self.line.endpoint) | {"writable": self.token is not None}
+        return Response(described, headers=_HEADERS)
+
+    async def _frame(self, request: Request) -> Response:
+        number = request.args.get("number", "")
+        frame = self.line.frame(int(number)) if number.isdecimal() else None
+        if frame is None:
+            return _problem("this frame is no longer kept", 404)
+        explanation = frame.explanation
+        rows = [(field.hex, field.name, field.shown, field.meaning) for field in explanation.fields]
+        findings = [finding.line for finding in explanation.diagnosis]
+        answer = {"digits": frame.digits, "verdict": explanation.verdict, "fields": rows, "findings": findings}
+        return Response(answer, headers=_HEADERS)
+
+    async def _plan(self, request: Request) -> Response:
+        """Answer what would be written."""
+        try:
+            parameter, value = self._asked(request)
+            planned = planned_frames(self.line.endpoint, self.line.device, parameter, value)
+            answer = {
+                "name": parameter.name,
+                "value": parameter.text(value),
+                "address": address_text(parameter, is_can=self._is_can),
+                "raw": raw_text(parameter, value, is_can=self._is_can),
+                "frames": planned,
+            }
+        except BarewireError as error:
+            return _problem(str(error), 400)
+        return Response(answer, headers=_HEADERS)
+
+    async def _write(self, request: Request) -> Response:
+        """Write, and answer what the device has then."""
+        try:
+            parameter, value = self._asked(request)
+            result = await asyncio.wrap_future(self.line.write(parameter.name, value))
+        except Busy as error:
+            return _problem(str(error), 503)
+        except BarewireError as error:
+            return _problem(str(error), 400)
+        return Response({"result": f"{parameter.name} = {parameter.text(value)}, {result}"}, headers=_HEADERS)
+
+    def _asked(self, request: Request) -> tuple[Parameter, Any]:
+        """Return the parameter and the value of a request. Raises BarewireError for what cannot be written."""
+        try:
+            body = json.loads(request.body)
+        except ValueError:
+            body = None
+        if not isinstance(body, dict) or not all(isinstance(body.get(key), str) for key in ("name", "text")):
+            raise BarewireError('expected {"name": TEXT, "text": TEXT}')
+        parameter = self.line.device.find(body["name"])
+        if body["text"].startswith("@") and parameter.type in ("octets", "domain"):
+            raise BarewireError(f"{parameter.name}: a browser names no file of this machine: expected bytes")
+        value = parse_value(parameter, body["text"])
+        ((parameter, _),) = to_write(self.line.device, {parameter.name: value}, False)
+        return parameter, value
+
+
+class _Drained:
+    """A stream as microdot writes to one."""
+
+    def __init__(self, writer: asyncio.StreamWriter) -> None:
+        self._writer = writer
+
+    async def awrite(self, data: bytes) -> None:
+        """Write, and wait while too much is unread."""
+        self._writer.write(data)
+        await self._writer.drain()
+
+
+async def _file(request: Request, name: str = "") -> Response:
+    if name not in _FILES:
+        return _problem("no such page", 404)
+    file, kind = _FILES[name]
+    content = (files("barewire_workbench.cli.panels") / "page" / file).read_bytes()
+    return Response(content, headers=_HEADERS | {"Content-Type": f"{kind}; charset=utf-8"})
+
+
+def _problem(text: str, status: int) -> Response:
+    return Response({"problem": text}, status, headers=_HEADERS)
+
+
+def planned_frames(endpoint: str, device: Device, parameter: Parameter, value: Any) -> list[tuple[str, str]]:
+    """Return the frames that write a value, each with its meaning."""
+    rows: list[tuple[str, str]] = []
+    shown = _Collected(endpoint, device, rows)
+    for frame in frames_of(endpoint, device, {parameter.name: value}, force=False):
+        shown.show("would send", frame)
+    return rows
+
+
+class _Collected(ShownFrames):
+    """Collects explained frames."""
+
+    def __init__(self, endpoint: str, device: Device, rows: list[tuple[str, str]]) -> None:
+        super().__init__(endpoint, device)
+        self._rows = rows
+
+    def show_frame(self, word: str, digits: str, explanation: Any) -> None:
+        """Add a frame."""
+        self._rows.append((digits, explanation.verdict))
+
+
+def description(device: Device, endpoint: str) -> dict[str, Any]:
+    """Return what the page shows of a device before anything is read: its groups, parameters, and role as a drive."""
+    is_can = Endpoint.parse(endpoint).scheme == "can"
+    groups: dict[str, list[dict[str, Any]]] = {}
+    for row in device.parameters:
+        if (row.object if is_can else row.modbus) is not None:
+            groups.setdefault(row.group or "Parameters", []).append(_row(row, is_can))
+    drive = None
+    if device.drive is not None:
+        drive = {
+            "status": device.drive.status_word,
+            "control": device.drive.control_word,
+            "patterns": {state.value: pattern for state, pattern in STATUS_PATTERNS.items()},
+            "transitions": [
+                (step.number, step.source.value, step.target.value, step.command.text, int(step.command))
+                for step in TRANSITIONS
+                if step.command is not None
+            ],
+        }
+    return {"device": device.name, "endpoint": endpoint, "groups": groups, "drive": drive}
+
+
+def _row(row: Parameter, is_can: bool) -> dict[str, Any]:
+    return {
+        "name": row.name,
+        "type": row.type,
+        "unit": row.unit,
+        "access": row.access,
+        "range": range_text(row),
+        "place": address_text(row, is_can=is_can),
+        "values": {str(number): text for number, text in row.values.items()},
+        "note": row.note,
+    }
+
+
+def range_text(row: Parameter) -> str:
+    """Return the range as a page shows it; empty without limits."""
+    if row.minimum is None and row.maximum is None:
+        return ""
+    low, high = (
+        "" if limit is None else f"{limit:g}" if abs(limit) < 1e6 else str(limit)
+        for limit in (row.minimum, row.maximum)
+    )
+    return f"{low} … {high}".strip()
