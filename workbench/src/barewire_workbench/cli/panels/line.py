@@ -12,7 +12,7 @@ from __future__ import annotations
 
 import threading
 from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future
 from contextlib import contextmanager, suppress
 from queue import Empty, Full, Queue
@@ -263,12 +263,14 @@ class PanelLine:
             self._machine.close()
             self._machine = None
 
-    def _keep(self, readings: Iterable[Reading], refused: dict[str, str]) -> None:
-        rows = [(row.name, plain_value(row.value), row.parameter.text(row.value), "") for row in readings]
-        rows += [(name, None, "", reason) for name, reason in refused.items()]
+    def _keep(self, readings: Iterable[Reading], refused: Mapping[str, str]) -> None:
+        cells: dict[str, tuple[Any, str, str]] = {
+            row.name: (plain_value(row.value), row.parameter.text(row.value), "") for row in readings
+        }
+        cells |= {name: (None, "", reason) for name, reason in refused.items()}
         with self._lock:
-            for name, *cell in rows:
-                if name not in self._cells or self._cells[name][1:] != tuple(cell):
+            for name, cell in cells.items():
+                if name not in self._cells or self._cells[name][1:] != cell:
                     self.revision += 1
                     self._cells[name] = (self.revision, *cell)
 

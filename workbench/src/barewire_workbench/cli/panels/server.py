@@ -21,7 +21,7 @@ import secrets
 import socket
 from contextlib import suppress
 from importlib.resources import files
-from typing import Any
+from typing import Any, cast
 from urllib.parse import urlsplit
 
 from microdot import Microdot, Request, Response
@@ -131,7 +131,7 @@ class PanelServer:
                 else:
                     response = await self._app.dispatch_request(request)
                 async with asyncio.timeout(self._stalled):
-                    await response.write(_Drained(writer))
+                    await response.write(cast("asyncio.StreamWriter", _Drained(writer)))
         writer.transport.abort() if writer.transport.get_write_buffer_size() else writer.close()
 
     def _forbidden(self, request: Request) -> str:
@@ -152,7 +152,8 @@ class PanelServer:
     async def _send_events(self, request: Request, writer: asyncio.StreamWriter) -> None:
         """Send what changes until the browser closes the connection, or does not read."""
         known = {row.name for row in self.line.device.parameters}
-        names = [name for name in request.args.getlist("name") if name in known][:_NAMES]
+        arguments: Any = request.args
+        names = [name for name in arguments.getlist("name") if name in known][:_NAMES]
         readable = [name for name in names if self.line.device.find(name).readable]
         head = "\r\n".join(f"{name}: {text}" for name, text in _HEADERS.items())
         too_many = self.viewers >= _VIEWERS
@@ -193,7 +194,7 @@ class PanelServer:
 
     async def _device(self, request: Request) -> Response:
         described = description(self.line.device, self.line.endpoint) | {"writable": self.token is not None}
-        return Response(described, headers=_HEADERS)
+        return _answer(described)
 
     async def _frame(self, request: Request) -> Response:
         number = request.args.get("number", "")
@@ -204,7 +205,7 @@ class PanelServer:
         rows = [(field.hex, field.name, field.shown, field.meaning) for field in explanation.fields]
         findings = [finding.line for finding in explanation.diagnosis]
         answer = {"digits": frame.digits, "verdict": explanation.verdict, "fields": rows, "findings": findings}
-        return Response(answer, headers=_HEADERS)
+        return _answer(answer)
 
     async def _plan(self, request: Request) -> Response:
         """Answer what would be written."""
@@ -220,7 +221,7 @@ class PanelServer:
             }
         except BarewireError as error:
             return _problem(str(error), 400)
-        return Response(answer, headers=_HEADERS)
+        return _answer(answer)
 
     async def _write(self, request: Request) -> Response:
         """Write, and answer what the device has then."""
@@ -231,12 +232,12 @@ class PanelServer:
             return _problem(str(error), 503)
         except BarewireError as error:
             return _problem(str(error), 400)
-        return Response({"result": f"{parameter.name} = {parameter.text(value)}, {result}"}, headers=_HEADERS)
+        return _answer({"result": f"{parameter.name} = {parameter.text(value)}, {result}"})
 
     def _asked(self, request: Request) -> tuple[Parameter, Any]:
         """Return the parameter and the value of a request. Raises BarewireError for what cannot be written."""
         try:
-            body = json.loads(request.body)
+            body = json.loads(request.body or b"")
         except ValueError:
             body = None
         if not isinstance(body, dict) or not all(isinstance(body.get(key), str) for key in ("name", "text")):
@@ -269,8 +270,12 @@ async def _file(request: Request, name: str = "") -> Response:
     return Response(content, headers=_HEADERS | {"Content-Type": f"{kind}; charset=utf-8"})
 
 
+def _answer(value: dict[str, Any], status: int = 200) -> Response:
+    return Response(json.dumps(value), status, headers=_HEADERS | {"Content-Type": "application/json; charset=utf-8"})
+
+
 def _problem(text: str, status: int) -> Response:
-    return Response({"problem": text}, status, headers=_HEADERS)
+    return _answer({"problem": text}, status)
 
 
 def planned_frames(endpoint: str, device: Device, parameter: Parameter, value: Any) -> list[tuple[str, str]]:
