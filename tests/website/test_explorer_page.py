@@ -12,7 +12,7 @@ from typing import Any, Literal
 from urllib.parse import urlencode
 
 import pytest
-from playwright.sync_api import Browser, Locator, Page, Route, expect
+from playwright.sync_api import Browser, Locator, Page, Route, ViewportSize, expect
 
 from barewire.canopen import CanFrame
 from barewire.devices import load
@@ -47,7 +47,9 @@ def browser() -> Iterator[Browser]:
 
 
 def opened(browser: Browser, width: int, scheme: Literal["light", "dark"]) -> Page:
-    page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
+    # Without a service worker, whose requests no route of a test sees.
+    size: ViewportSize = {"width": width, "height": 900}
+    page = browser.new_page(viewport=size, color_scheme=scheme, service_workers="block")
     page.set_default_timeout(_LOADED)
     return page
 

@@ -11,7 +11,7 @@ import pytest
 from barewire import rtu
 from barewire_workbench import Explanation, FrameRole, explain
 
-VECTORS = Path(__file__).parents[3] / "vectors"
+VECTORS = Path(__file__).parents[3] / "vectors" / "cases"
 LEFT_OPEN = {"exceptions-34": False}
 """What `explain` says of a case that the standard leaves open and that `decode` accepts: function 00 does not exist."""
 BYTES_OF = {"rtu-frame": "frame", "tcp-frame": "frame", "ascii-frame": "text", "pdu": "pdu"}
