@@ -115,6 +115,56 @@ def test_a_frame_is_explained_on_click(browser: Browser, url: str) -> None:
     page.close()
 
 
+def test_a_drive_is_enabled_by_its_buttons_each_of_which_shows_its_frame(browser: Browser, url: str) -> None:
+    page = opened(browser, url)
+    drive = page.locator("#drive")
+    expect(drive.get_by_role("status")).to_have_text("switch on disabled", timeout=_LOADED)
+    for command, state in (
+        ("shutdown 2", "ready to switch on"),
+        ("switch on 3", "switched on"),
+        ("enable operation 4", "operation enabled"),
+    ):
+        drive.get_by_role("button", name=command).click()
+        expect(page.locator("#plan .frame")).to_contain_text("valid", timeout=_LOADED)
+        page.get_by_role("button", name="Send it").click()
+        expect(page.locator("#write-result.good")).to_contain_text("Control Word", timeout=_LOADED)
+        page.get_by_role("button", name="Close").click()
+        expect(drive.get_by_role("status")).to_have_text(state, timeout=_LOADED)
+    page.close()
+
+
+def test_the_scope_records_once_a_value_passes_the_level_and_saves_csv_and_svg(browser: Browser, url: str) -> None:
+    page = opened(browser, url)
+    page.get_by_label("Group").select_option("Motion")
+    scope = page.locator("#scope")
+    for name in ("Profile Velocity", "Status Word"):
+        scope.get_by_label("Trace").select_option(name)
+        scope.get_by_role("button", name="Add").click()
+    scope.get_by_label("Run").select_option("rise")
+    scope.get_by_label("Level").fill("30000")
+    scope.get_by_label("Level").blur()
+    expect(scope.get_by_role("status")).to_have_text("waiting for the trigger", timeout=_LOADED)
+    expect(scope.locator("canvas")).to_be_visible(timeout=_LOADED)
+    expect(value_of(page, "Profile Velocity")).to_have_text("24000 step/s", timeout=_LOADED)
+    page.wait_for_timeout(500)  # some samples below the level
+    page.get_by_role("button", name="Write Profile Velocity").click()
+    page.get_by_label("New value").fill("40000")
+    page.get_by_role("button", name="Show the frame").click()
+    page.get_by_role("button", name="Send it").click()
+    page.get_by_role("button", name="Close").click()
+    expect(scope.get_by_role("status")).to_contain_text("triggered", timeout=_LOADED)
+    files = []
+    for name in ("CSV", "SVG"):
+        with page.expect_download() as download:
+            scope.get_by_role("button", name=name).click()
+        files.append(Path(download.value.path()).read_text(encoding="utf-8"))
+    first, *rows = files[0].splitlines()
+    assert first == '"seconds","Profile Velocity","Status Word"'
+    assert {row.split(",")[1] for row in rows} == {"24000", "40000"}
+    assert files[1].count("<polyline") == 2
+    page.close()
+
+
 def test_without_the_token_the_page_says_how_to_get_it(browser: Browser, url: str) -> None:
     page = opened(browser, url.partition("#")[0])
     page.get_by_label("Group").select_option("Motion")
@@ -134,6 +184,7 @@ def test_nothing_serious_is_found_and_nothing_is_wider_than_the_page(
     page.evaluate((Path(pyodide_folder()).parent / "axe-core" / "axe.min.js").read_text(encoding="utf-8"))
     page.get_by_label("Group").select_option("Motion")
     page.locator("#frames button").first.click()
+    page.locator("#scope").get_by_role("button", name="Add").click()
     for step in ("the page", "the dialog"):
         if step == "the dialog":
             page.get_by_role("button", name="Write Profile Velocity").click()

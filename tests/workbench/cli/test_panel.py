@@ -24,7 +24,7 @@ from barewire import ModbusServer, connect, load
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import BarewireError, NoAnswer
 from barewire_workbench.cli.panels.line import Busy, PanelLine, running
-from barewire_workbench.cli.panels.server import PanelServer, planned_frames
+from barewire_workbench.cli.panels.server import PanelServer, description, planned_frames
 from barewire_workbench.live.polling import Clock
 from tests.workbench.cli.helpers import error_of
 
@@ -433,3 +433,26 @@ def test_no_thread_is_left() -> None:
 
     asyncio.run(main())
     assert threading.active_count() == before
+
+
+@pytest.mark.parametrize(
+    ("name", "endpoint", "has_drive"),
+    [
+        ("az3", "rtu:///dev/x", True),
+        ("az3", "can://socketcan/can0?node=5", True),
+        ("csd-mt", "rtu:///dev/x", True),
+        ("adxl", "rtu:///dev/x", False),
+    ],
+)
+def test_a_drive_shows_its_states_and_its_words_can_be_read_and_written_there(
+    name: str, endpoint: str, has_drive: bool
+) -> None:
+    shown = description(load(name), endpoint)
+    assert (shown["drive"] is not None) == has_drive
+    if has_drive:
+        access = {row["name"]: row["access"] for group in shown["groups"].values() for row in group}
+        assert access[shown["drive"]["status"]] == "ro"
+        assert access[shown["drive"]["control"]] != "ro"
+        device = load(name)
+        for *_, control in shown["drive"]["transitions"]:
+            assert planned_frames(endpoint, device, device.find(shown["drive"]["control"]), control)

@@ -37,11 +37,8 @@ from barewire_workbench.cli.panels.line import Busy, PanelLine
 from barewire_workbench.cli.shown_frames import ShownFrames
 from barewire_workbench.cli.value_text import parse_value
 
-_FILES = {
-    "": ("index.html", "text/html"),
-    "panel.css": ("panel.css", "text/css"),
-    "panel.js": ("panel.js", "text/javascript"),
-}
+_FILES = files("barewire_workbench.cli.panels") / "page"
+_KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
 _HEADERS = {
     "Cache-Control": "no-store",
     "Content-Security-Policy": "default-src 'none'; style-src 'self'; script-src 'self'; connect-src 'self'; "
@@ -262,12 +259,11 @@ class _Drained:
         await self._writer.drain()
 
 
-async def _file(request: Request, name: str = "") -> Response:
-    if name not in _FILES:
+async def _file(request: Request, name: str = "index.html") -> Response:
+    kind = _KINDS.get(name.rpartition(".")[2])
+    if kind is None or name not in {file.name for file in _FILES.iterdir()}:
         return _problem("no such page", 404)
-    file, kind = _FILES[name]
-    content = (files("barewire_workbench.cli.panels") / "page" / file).read_bytes()
-    return Response(content, headers=_HEADERS | {"Content-Type": f"{kind}; charset=utf-8"})
+    return Response((_FILES / name).read_bytes(), headers=_HEADERS | {"Content-Type": f"{kind}; charset=utf-8"})
 
 
 def _answer(value: dict[str, Any], status: int = 200) -> Response:

@@ -1,25 +1,18 @@
 // The panel: values by group, the frames of the line, writes with a confirmation. One event stream brings what changes;
 // choosing another group opens another stream, so the server polls what is shown and nothing else.
 
+import { element } from "./dom.js";
+import { showDrive } from "./drive.js";
+import { Scope } from "./scope.js";
+
 const at = (id) => document.getElementById(id);
 const token = location.hash.slice(1);
 const KEPT = 300;  // frames in the list
 
-let device, stream, chosen = null;
+let device, stream, polls, chosen = null;
 const rows = new Map();  // name -> cell of its value
 const latest = new Map();  // name -> [value, text, problem]
-let held = false, seen = 0;
-
-/** Return an element with attributes and children; texts are never read as HTML. */
-export function element(tag, attributes = {}, ...children) {
-  const made = document.createElement(tag);
-  for (const [name, value] of Object.entries(attributes)) {
-    if (name.startsWith("on")) made.addEventListener(name.slice(2), value);
-    else made.setAttribute(name, value);
-  }
-  made.append(...children);
-  return made;
-}
+let held = false, seen = 0, scope, takeStatus = () => {};
 
 async function asked(path, options) {
   const response = await fetch(path, options);
@@ -68,7 +61,8 @@ function showValue(name) {
 
 function listen() {
   stream?.close();
-  const names = new URLSearchParams([...rows.keys()].map((name) => ["name", name]));
+  const shown = new Set([...rows.keys(), ...scope.names, ...(device.drive ? [device.drive.status] : [])]);
+  const names = new URLSearchParams([...shown].map((name) => ["name", name]));
   stream = new EventSource(`events?${names}`);
   stream.onmessage = (message) => take(JSON.parse(message.data));
   stream.onerror = () => {
@@ -84,7 +78,10 @@ function take(event) {
   for (const [name, value] of Object.entries(event.values)) {
     latest.set(name, value);
     if (rows.has(name)) showValue(name);
+    if (name === device.drive?.status && value[0] !== null) takeStatus(value[0]);
   }
+  if (event.alive && event.polls !== polls) scope.take(event.at, scope.names.map((name) => latest.get(name)?.[0]));
+  polls = event.polls;
   if (!held) showFrames(event.frames.filter(([number]) => number > seen));
   seen = Math.max(seen, event.revision);
 }
@@ -202,6 +199,13 @@ document.title = `${device.device} – barewire panel`;
 at("device").textContent = device.device;
 at("endpoint").textContent = device.endpoint + (device.writable ? "" : " · only reads");
 at("group").append(...Object.keys(device.groups).map((group) => element("option", {}, group)));
+const parameters = Object.values(device.groups).flat();
+const numeric = parameters.filter((row) => row.access !== "wo" && /^[uif]\d/.test(row.type)).map((row) => row.name);
+scope = new Scope(at("scope"), numeric, listen);
+if (device.drive) {
+  const control = parameters.find((row) => row.name === device.drive.control);
+  takeStatus = showDrive(at("drive"), device.drive, device.writable && control ? (text) => openWrite(control, text) : null);
+}
 // The group that opens: that with most values which only the machine changes.
 const measured = (group) => device.groups[group].filter((parameter) => parameter.access === "ro").length;
 at("group").value = Object.keys(device.groups).reduce((best, group) => (measured(group) > measured(best) ? group : best));
