@@ -456,3 +456,33 @@ def test_a_drive_shows_its_states_and_its_words_can_be_read_and_written_there(
         device = load(name)
         for *_, control in shown["drive"]["transitions"]:
             assert planned_frames(endpoint, device, device.find(shown["drive"]["control"]), control)
+
+
+def test_the_world_of_a_simulated_machine_is_set_and_a_wrong_property_is_an_error() -> None:
+    async def main() -> None:
+        machine = simulator("adxl")
+        async with panel("rtu:///dev/none", set_world=machine.set_environment) as (server, _):
+            token = server.token or ""
+
+            def world(text: str, **headers: str) -> tuple[int, dict[str, Any]]:
+                client = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=60)
+                client.request("POST", "/world", text, headers)
+                response = client.getresponse()
+                answer = response.status, json.loads(response.read())
+                client.close()
+                return answer
+
+            assert machine.has_line
+            assert (await asyncio.to_thread(world, "line=0"))[0] == 403
+            assert machine.has_line
+            assert await asyncio.to_thread(world, "line=0", **{"X-Token": token}) == (200, {"result": "line=0"})
+            assert not machine.has_line
+            status, answer = await asyncio.to_thread(world, "wind=3", **{"X-Token": token})
+            assert status == 400
+            assert "wind" in answer["problem"]
+
+    asyncio.run(main())
+
+
+def test_a_page_needs_a_described_machine() -> None:
+    assert "--panel" in error_of("simulate", "table", "tcp://127.0.0.1:0", "--panel", status=2)

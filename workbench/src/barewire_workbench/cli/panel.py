@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import signal
+from collections.abc import Callable
 
 import click
 
@@ -45,7 +46,14 @@ def panel_command(endpoint: str, device: str, writable: bool, port: int, period:
 
 
 def serve_panel(
-    device: Device, endpoint: str, *, writable: bool, port: int = 0, period: float = 0.5, check: bool = True
+    device: Device,
+    endpoint: str,
+    *,
+    writable: bool,
+    port: int = 0,
+    period: float = 0.5,
+    check: bool = True,
+    set_world: Callable[[str], None] | None = None,
 ) -> None:
     """Serve the page of a machine until a signal ends it. Raises PortError for the port of the page, and without
     microdot. The port of the machine is opened when a browser looks."""
@@ -63,7 +71,7 @@ def serve_panel(
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, lambda *_: loop.call_soon_threadsafe(ended.set))
         with running(PanelLine(device, endpoint, period=period, check=check)) as line:
-            server = PanelServer(line, writable=writable)
+            server = PanelServer(line, writable=writable, set_world=set_world)
             await server.start(port)
             print(f"panel {server.url}", flush=True)
             await ended.wait()

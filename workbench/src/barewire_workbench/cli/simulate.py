@@ -20,6 +20,7 @@ from barewire.devices.sim import MachineUnits, Simulator, simulator
 from barewire.errors import shown
 from barewire.io.canopen.bus.port import inside_one_process
 from barewire.io.endpoint import Endpoint
+from barewire.io.engine.locking import exclusive
 from barewire.io.fault_injection.faults import LATE, Fault, faults_at, faults_on_can, parse_faults
 from barewire.io.server.base import ThreadedServer
 from barewire.modbus import Unit
@@ -47,6 +48,7 @@ _TABLE = "table"
     metavar="S",
     help="Delay of the fault `late` in seconds.",
 )
+@click.option("--panel", is_flag=True, help="Serve a page of the machine for browsers; see barewire panel --help.")
 def simulate_command(
     device: str,
     endpoints: tuple[str, ...],
@@ -55,6 +57,7 @@ def simulate_command(
     fault: str | None,
     seed: int | None,
     late: float,
+    panel: bool,
 ) -> None:
     """Simulate a device on real ports until interrupted.
 
@@ -77,6 +80,9 @@ def simulate_command(
     barewire simulate table tcp://127.0.0.1:1502 --fault exception=04@20,drop@every=3
     barewire simulate pump.toml rtu:///tmp/line
     barewire simulate drive.eds "can://socketcand/127.0.0.1:29536/can0?node=5"
+
+    --panel serves a page at the last ENDPOINT, of which it is a client: on a serial line give another program another
+    ENDPOINT. The page writes values, and sets properties of the environment as --world does.
 
     --fault disturbs responses, and prints `fault KIND` for each. It works on tcp, tls (before encryption), udp, rtu,
     ascii, rtu+tcp, ascii+tcp and can. KIND hits one response in ten, KIND:P those with the probability P; what follows
@@ -134,6 +140,8 @@ def simulate_command(
         bus = Endpoint.parse(endpoint)
         if bus.scheme == "can" and any(bus.place == Endpoint.parse(other).place for other in endpoints[:number]):
             raise EncodeError(f"endpoint {shown(endpoint, 200)}: the device is on this bus already: expected it once")
+    if panel and (device == _TABLE or is_eds(device) or _recorded(device) is not None):
+        raise click.UsageError(f"--panel: {shown(device)}: expected a machine with a description")
     faults = None if fault is None else _checked_faults(fault, late, list(map(Endpoint.parse, endpoints)))
     is_described = is_eds(device)
     recorded = None if is_described else _recorded(device)
@@ -165,7 +173,10 @@ def simulate_command(
         signal.signal(number, end)
     for server in servers:
         print(f"ready {server.url}", flush=True)
-    _serve(servers, stop)
+    if panel and machine is not None:
+        _serve_with_panel(servers, machine)
+    else:
+        _serve(servers, stop)
 
 
 def _serve(servers: list[ThreadedServer], stop: threading.Event) -> None:
@@ -177,6 +188,24 @@ def _serve(servers: list[ThreadedServer], stop: threading.Event) -> None:
             stack.enter_context(server)
         first.run(stop)
     for server in others:
+        if server.failure is not None:
+            raise server.failure
+
+
+def _serve_with_panel(servers: list[ThreadedServer], machine: Simulator) -> None:
+    """Run all servers, and the page of the machine, until a signal. Raises the error of a server that failed."""
+    from barewire_workbench.cli.panel import serve_panel
+
+    def set_world(text: str) -> None:
+        with exclusive(machine):
+            machine.tick(time.monotonic())
+            machine.set_environment(text)
+
+    with ExitStack() as stack:
+        for server in servers:
+            stack.enter_context(server)
+        serve_panel(machine.device, servers[-1].url, writable=True, set_world=set_world)
+    for server in servers:
         if server.failure is not None:
             raise server.failure
 

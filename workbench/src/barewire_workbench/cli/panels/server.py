@@ -5,6 +5,7 @@
     GET  /events         ?name=A&name=B: what changes, as server-sent events, while the connection is open
     GET  /frame          ?number=N: a frame field by field
     POST /plan  /write   {"name": ..., "text": ...}: the frames that would be sent; sent, and what the device has then
+    POST /world          NAME=VALUE: a property of the environment of a machine that is simulated here
 
 A request must name this machine as its host, which a page of another site cannot (DNS rebinding), and must not come
 from another origin. Writing needs the token of the printed URL, which stands behind its # and is sent in a header only.
@@ -19,6 +20,7 @@ import hmac
 import json
 import secrets
 import socket
+from collections.abc import Callable
 from contextlib import suppress
 from importlib.resources import files
 from typing import Any, cast
@@ -62,10 +64,21 @@ _NAMES = 100
 
 
 class PanelServer:
-    """The page of one machine. `start` opens the port on loopback. `token` is None if nothing may be written."""
+    """The page of one machine. `start` opens the port on loopback. `token` is None if nothing may be written.
 
-    def __init__(self, line: PanelLine, *, writable: bool, stalled: float = _STALLED) -> None:
+    `set_world` sets a property of the environment of a simulated machine, NAME=VALUE.
+    """
+
+    def __init__(
+        self,
+        line: PanelLine,
+        *,
+        writable: bool,
+        set_world: Callable[[str], None] | None = None,
+        stalled: float = _STALLED,
+    ) -> None:
         self.line = line
+        self._set_world = set_world
         self.token = secrets.token_urlsafe(16) if writable else None
         self.viewers = 0
         self.url = ""
@@ -187,10 +200,14 @@ class PanelServer:
         app.get("/<name>")(_file)
         app.post("/plan")(self._plan)
         app.post("/write")(self._write)
+        app.post("/world")(self._world)
         return app
 
     async def _device(self, request: Request) -> Response:
-        described = description(self.line.device, self.line.endpoint) | {"writable": self.token is not None}
+        described = description(self.line.device, self.line.endpoint) | {
+            "writable": self.token is not None,
+            "world": self._set_world is not None,
+        }
         return _answer(described)
 
     async def _frame(self, request: Request) -> Response:
@@ -230,6 +247,17 @@ class PanelServer:
         except BarewireError as error:
             return _problem(str(error), 400)
         return _answer({"result": f"{parameter.name} = {parameter.text(value)}, {result}"})
+
+    async def _world(self, request: Request) -> Response:
+        """Set a property of the environment."""
+        text = (request.body or b"").decode(errors="replace")
+        if self._set_world is None:
+            return _problem("this machine is not simulated here", 404)
+        try:
+            self._set_world(text)
+        except BarewireError as error:
+            return _problem(str(error), 400)
+        return _answer({"result": text})
 
     def _asked(self, request: Request) -> tuple[Parameter, Any]:
         """Return the parameter and the value of a request. Raises BarewireError for what cannot be written."""

@@ -21,9 +21,8 @@ async function asked(path, options) {
   return answer;
 }
 
-const posted = (path, body) => asked(path, {
-  method: "POST", headers: { "Content-Type": "application/json", "X-Token": token }, body: JSON.stringify(body),
-});
+const sent = (path, body) => asked(path, { method: "POST", headers: { "X-Token": token }, body });
+const posted = (path, value) => sent(path, JSON.stringify(value));
 
 // Values
 
@@ -206,6 +205,18 @@ if (device.drive) {
   const control = parameters.find((row) => row.name === device.drive.control);
   takeStatus = showDrive(at("drive"), device.drive, device.writable && control ? (text) => openWrite(control, text) : null);
 }
+at("world").hidden = !device.world;
+at("world").querySelector("form").onsubmit = async (event) => {
+  event.preventDefault();
+  const status = at("world").querySelector("[role=status]");
+  try {
+    status.textContent = `set: ${(await sent("world", event.target.elements.text.value)).result}`;
+    status.className = "good";
+  } catch (error) {
+    status.textContent = error.message;
+    status.className = "bad";
+  }
+};
 // The group that opens: that with most values which only the machine changes.
 const measured = (group) => device.groups[group].filter((parameter) => parameter.access === "ro").length;
 at("group").value = Object.keys(device.groups).reduce((best, group) => (measured(group) > measured(best) ? group : best));
