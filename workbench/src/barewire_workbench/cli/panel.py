@@ -28,11 +28,12 @@ from barewire_workbench.cli.arguments import device_argument, endpoint_argument,
 )
 @no_check_option
 def panel_command(endpoint: str, device: str, writable: bool, port: int, period: float, no_check: bool) -> None:
-    """Show a machine in a browser: its values by group, live, and each frame explained; until interrupted.
+    """Show a machine in a browser: live values, frames, writes.
 
-    The page is on 127.0.0.1 only, and loads nothing from elsewhere. Its URL is printed. It only reads, unless --write
-    is given: then it shows the frames of a write before they are sent. Only what a browser shows is polled, and several
-    browsers cost one poll.
+    Until it is interrupted it serves a page with the values by group, each frame on the wire, explained on click, the
+    states of a drive and a scope. The page is on 127.0.0.1 only, and loads nothing from elsewhere. Its URL is printed.
+    It only reads, unless --write is given: then it shows the frames of a write before they are sent. Only what a browser
+    shows is polled, and several browsers cost one poll.
 
     \b
     barewire panel "rtu:///dev/ttyUSB0?unit=1" adxl
