@@ -32,8 +32,8 @@ def panel_command(endpoint: str, device: str, writable: bool, port: int, period:
 
     Until it is interrupted it serves a page with the values by group, each frame on the wire, explained on click, the
     states of a drive and a scope. The page is on 127.0.0.1 only, and loads nothing from elsewhere. Its URL is printed.
-    It only reads, unless --write is given: then it shows the frames of a write before they are sent. Only what a browser
-    shows is polled, and several browsers cost one poll.
+    It only reads, unless --write is given: then it shows the frames of a write before they are sent. Only what a
+    browser shows is polled, and several browsers cost one poll.
 
     \b
     barewire panel "rtu:///dev/ttyUSB0?unit=1" adxl
