@@ -27,4 +27,5 @@ Files, in reading order:
     browser      Chromium, for the explorer's pictures and for tests
     screenshots  pictures of pages, for eyes
     explorer_shots   pictures of the views of the explorer
+    panel_shots      pictures of the panel
 """
