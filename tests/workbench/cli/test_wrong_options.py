@@ -173,6 +173,9 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("send", TCP, "01", "--crc"), "a frame of Modbus TCP has no CRC"),
     (("send", CAN, "605#4G"), "'G' is not a hexadecimal digit"),
     (("send", CAN, "605#40", "--crc"), "a CAN controller adds the CRC itself"),
+    # panel
+    (("panel", TCP, "adxl", "--port", "70000"), "70000 is not in the range 0<=x<=65535"),
+    (("panel", TCP, "adxl", "--period", "0"), "0.0 is not in the range 0.05<=x<=3600"),
     # lab
     (("lab", "11"), "'11': expected the number of a lab, 1 to 10"),
     (("lab", "one"), "'one': expected the number of a lab"),
