@@ -15,7 +15,7 @@ from typing import Any
 
 import pytest
 
-from barewire import CanopenServer, ModbusServer, load
+from barewire import CanopenServer, ModbusServer, connect, load
 from barewire.canopen import eds
 from barewire.devices.sim import simulator
 from barewire.errors import PortError
@@ -181,6 +181,22 @@ def test_a_dcf_out_of_a_node_and_into_it(tmp_path: Path) -> None:
         compared = run_here("diff", str(dcf), str(toml))
         assert compared.returncode == 1
         assert compared.stdout.splitlines()[1].split()[-2:] == ["1500", "2500"]
+
+
+def test_a_control_word_in_a_dcf_is_left_out_and_a_drive_that_is_enabled_is_refused(tmp_path: Path) -> None:
+    file = tmp_path / "left.dcf"
+    url = "can://memory/keep-control?node=5"
+    document = export(load("az3"))
+    document.set(0x6040, 0, "ParameterValue", 15)
+    document.set(0x6081, 0, "ParameterValue", 777)
+    file.write_bytes(document.encode())
+    with CanopenServer(url, device="az3"), connect("az3", url) as drive:
+        drive.write("CONTROL WORD", 6)
+        drive.write("CONTROL WORD", 7)
+        assert "left out: " in output_of("restore", str(file), url, "--no-store")
+        assert (drive.read("PROFILE VELOCITY").value, int(drive.read("STATUS WORD")) & 0x6F) == (777, 0x23)
+        drive.write("CONTROL WORD", 15)
+        assert "the drive is in OPERATION ENABLED" in error_of("restore", str(file), url, "--no-store", status=1)
 
 
 # The file

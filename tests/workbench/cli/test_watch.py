@@ -24,7 +24,7 @@ from barewire.devices.sim import simulator
 from barewire.errors import EncodeError, PortError
 from barewire.modbus import Table
 from barewire_workbench.cli.plot import check_plot_file, draw_plot
-from barewire_workbench.live.disk import Disk, DiskFile
+from barewire_workbench.live.disk import DiskFile, LocalDisk
 from barewire_workbench.value_log.csv_file import CsvFile
 from barewire_workbench.value_log.reader import Curve
 from barewire_workbench.value_log.sqlite_file import SqliteFile
@@ -332,7 +332,7 @@ def test_what_was_shown_is_in_the_file_however_the_command_ends(tmp_path: Path, 
     # The last line of a killed process may be half.
     times = [json.loads(line)["time"] for line in shown if line.endswith("\n")]
     if end == "csv":
-        CsvFile(Disk(), str(path), ["time", "holding:0", "error"]).close()
+        CsvFile(LocalDisk(), str(path), ["time", "holding:0", "error"]).close()
         written = [row[0] for row in rows_of(path)[1:]]
     else:
         with sqlite3.connect(path) as database:

@@ -67,6 +67,15 @@ def test_a_busy_unit_or_a_gateway_without_one_says_nothing_about_it(code: int) -
             sent_for(name, server.url)
 
 
+@pytest.mark.parametrize("code", [0x02, 0x04, 0x06, 0x0A, 0x0B])
+def test_a_unit_that_does_not_say_what_its_manual_promises_is_not_written_to(code: int) -> None:
+    with ModbusServer("tcp://127.0.0.1:0", {1: _Refusing(code)}) as server:
+        for name in ("az3", "adxl"):
+            with pytest.raises(WrongDevice, match=f"unit 1 did not say what it is, as {name} does"):
+                sent_for(name, server.url, before_write=True)
+        sent_for("csd-mt", server.url, before_write=True)  # its manual promises nothing
+
+
 def test_a_silent_unit_is_asked_once_and_is_not_written_to() -> None:
     with ModbusServer("rtu://pty", {2: unit_of("adxl")}) as server:
         url = f"{server.url}?unit=1&timeout=0.05"

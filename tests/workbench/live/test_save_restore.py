@@ -160,6 +160,8 @@ def test_a_command_of_the_file_is_refused_before_the_first_write() -> None:
         ("Current Ratio", SavedValue(55, "A"), "Current Ratio: 'A': expected %"),
         ("Current Ratio", SavedValue(500, "%"), "Current Ratio = 500: expected 0..120 %"),
         ("Current Ratio", SavedValue(55.5, "%"), "Current Ratio: .*whole number"),
+        ("Current Ratio", SavedValue(True, "%"), "Current Ratio = True: expected a number"),
+        ("Current Ratio", SavedValue(float("inf"), "%"), "Current Ratio = inf: expected 0..120 %"),
         ("Current Ratio", SavedValue("much", "%"), "Current Ratio = 'much': expected a number"),
         ("Currant Ratio", SavedValue(5, "%"), "Currant Ratio: csd-mt has no such setting"),
     ],
@@ -183,6 +185,21 @@ def test_settings_that_exclude_each_other_come_in_any_order() -> None:
     restore, changes = restored("csd-mt", second, saved)
     assert [change.parameter.name for change in changes] == ["Enable SW bit 15", "Enable SW bit 7"]
     assert (restore.failed, restore.stored) == ([], True)
+
+
+def test_a_value_that_is_no_finite_number_is_refused_also_where_there_is_no_range() -> None:
+    saved = saved_from("az3", changed("az3"))
+    for wrong in ("nan", "inf"):
+        saved.settings["TORQUE LIMIT"] = saved.settings["TORQUE LIMIT"]._replace(value=float(wrong))
+        with pytest.raises(EncodeError, match=f"TORQUE LIMIT = {wrong}: expected a finite number"):
+            restored("az3", simulator("az3"), saved)
+
+
+def test_a_file_without_a_setting_is_refused_and_nothing_is_stored() -> None:
+    watched = Watched(machine := simulator("csd-mt"))
+    with pytest.raises(EncodeError, match="there is no setting to write"):
+        restored("csd-mt", machine, SavedSettings("csd-mt"))
+    assert watched.names == []
 
 
 def test_a_refused_setting_is_named_and_nothing_is_stored() -> None:

@@ -24,8 +24,9 @@ def test_values_units_and_what_one_side_has_alone() -> None:
 
 def test_what_was_not_read_is_a_problem_and_no_difference_of_values() -> None:
     first, second = of({"a": SavedValue(1)}), of({}, not_read={"a": "exception 02", "b": "silent"})
-    (found,) = differences(first, second)
+    found, nowhere = differences(first, second)
     assert (found.name, found.problem) == ("a", "exception 02")
+    assert (nowhere.name, nowhere.problem) == ("b", "silent")
     (one, both) = differences(
         of({}, not_read={"b": "exception 04"}), of({"a": SavedValue(1)}, not_read={"b": "silent"})
     )

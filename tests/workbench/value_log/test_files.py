@@ -8,7 +8,7 @@ from pathlib import Path
 import pytest
 
 from barewire.errors import EncodeError, PortError
-from barewire_workbench.live.disk import Disk
+from barewire_workbench.live.disk import LocalDisk
 from barewire_workbench.value_log.csv_file import CsvFile
 from barewire_workbench.value_log.reader import read_logs
 from barewire_workbench.value_log.rotating_log import LogFile, RotatingLog, Rotation
@@ -20,7 +20,7 @@ HEADINGS = ["time", 'Speed "n" [rpm]', "Status", "Text", "error"]
 
 
 def opened(path: Path) -> LogFile:
-    return SqliteFile(str(path), HEADINGS) if path.suffix == ".db" else CsvFile(Disk(), str(path), HEADINGS)
+    return SqliteFile(str(path), HEADINGS) if path.suffix == ".db" else CsvFile(LocalDisk(), str(path), HEADINGS)
 
 
 def row(second: int, speed: float | None, status: int | None = 1, error: str = "") -> Row:
@@ -31,7 +31,7 @@ def row(second: int, speed: float | None, status: int | None = 1, error: str = "
 def test_rows_are_appended_rotated_and_read_again(tmp_path: Path, name: str) -> None:
     path = tmp_path / name
     for start in (0, 10):
-        log = RotatingLog(Disk(), str(path), lambda: opened(path), Rotation(size=1))
+        log = RotatingLog(LocalDisk(), str(path), lambda: opened(path), Rotation(size=1))
         log.add(row(start, 1.5), 0.0)
         log.add(row(start + 1, None, None, "no answer"), 1.0)
         log.close(2.0)

@@ -4,15 +4,22 @@ from __future__ import annotations
 
 from pathlib import Path
 
-from barewire.canopen.eds import parse
+from barewire.canopen.eds import Eds, parse
+from barewire.devices import Device
 from barewire.errors import EncodeError, shown
 from barewire_workbench.cli.arguments import load_device
 from barewire_workbench.cli.canopen import configure_node, parsed_file
 from barewire_workbench.cli.output import Output, file_content
 from barewire_workbench.cli.raw_address import RAW
 from barewire_workbench.cli.shown_frames import frames_shown
+from barewire_workbench.eds.device import wanted_values
+from barewire_workbench.live.restore_settings import check_at_rest
 from barewire_workbench.settings.dcf import dcf_of, settings_of_dcf
+from barewire_workbench.settings.rules import SettingRules
 from barewire_workbench.settings.saved import SavedSettings
+
+_STATUS_WORD = 0x6041
+"""Of a drive of CiA 402."""
 
 
 def is_dcf(file: Path) -> bool:
@@ -37,8 +44,24 @@ def configure(file: Path, endpoint: str, output: Output, *, dry_run: bool, store
     from barewire import CanopenClient
 
     dcf = parsed_file(file)
+    left_out = _without_commands(dcf, load_device(str(file)))
     with (
         frames_shown(endpoint, RAW, frames, output) as options,
         CanopenClient(endpoint, watch=options.get("watch")) as client,
     ):
-        configure_node(client.node(dcf=dcf), output, dry_run=dry_run, store=store)
+        node = client.node(dcf=dcf)
+        if not dry_run and _STATUS_WORD in dcf.objects:
+            check_at_rest(int.from_bytes(node.sdo.upload(_STATUS_WORD), "little"))
+        configure_node(node, output, dry_run=dry_run, store=store)
+    output.text(*(f"left out: {name}: it is no setting" for name in left_out))
+
+
+def _without_commands(dcf: Eds, device: Device) -> list[str]:
+    """Remove the values of a DCF that are no settings, such as control words and targets, and return their names."""
+    settings = {setting.name for setting in SettingRules.of(device).settings(is_can=True)}
+    left_out = [name for name in wanted_values(device) if name not in settings]
+    for name in left_out:
+        place = device.find(name).object
+        assert place is not None
+        dcf.set(place.index, place.sub, "ParameterValue", None)
+    return left_out

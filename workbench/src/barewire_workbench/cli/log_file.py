@@ -9,7 +9,7 @@ from contextlib import contextmanager
 
 from barewire.errors import EncodeError
 from barewire_workbench.cli.output import note
-from barewire_workbench.live.disk import Disk
+from barewire_workbench.live.disk import LocalDisk
 from barewire_workbench.live.polling import Clock
 from barewire_workbench.value_log.csv_file import CsvFile
 from barewire_workbench.value_log.reader import DATABASES
@@ -20,7 +20,7 @@ from barewire_workbench.value_log.sqlite_file import SqliteFile
 def open_log(path: str, headings: Sequence[str], *, append: bool, rotation: Rotation) -> RotatingLog:
     """Return the log. Raises EncodeError for a name that has another end, a file that exists without `append`, or has
     other columns, and PortError for one that cannot be opened."""
-    disk = Disk()
+    disk = LocalDisk()
     if path.lower().endswith(DATABASES):
         open_file: Callable[[], LogFile] = lambda: SqliteFile(path, headings)  # noqa: E731
     elif path.lower().endswith(".csv"):

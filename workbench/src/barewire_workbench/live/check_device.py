@@ -73,25 +73,30 @@ def check_device(machine: MachineClient, *, before_write: bool = False) -> bool:
         node = client.node(getattr(machine, "node", None), device=device)
         name = f"node {node.number}"
         questions = _questions_to_node(node, device, table, identity)
+    asked, has_answered = [], True
     for question in questions:
+        asked.append(question)
         try:
             question.ask()
         except (NoAnswer, PortError):
             if before_write and question.is_promised:
                 raise
-            return False
+            has_answered = False
+            break  # what it has told until now still counts
         except DecodeError:
             pass
         except Refused as error:
             code = getattr(error, "code", 0)
-            if code in _NOBODY:
+            if code in _NOBODY and not before_write:
                 return False
             if code == ILLEGAL_FUNCTION:
                 refused.add(question.key)
     why = contradiction(identity, refused, device)
     if why:
         raise WrongDevice(f"{name} is not {device.name}: {why}")
-    return True
+    if before_write and not str(identity) and any(question.is_promised for question in asked):
+        raise WrongDevice(f"{name} did not say what it is, as {device.name} does (--no-check goes on)")
+    return has_answered
 
 
 def _questions_to_unit(

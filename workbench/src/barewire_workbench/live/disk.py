@@ -58,7 +58,7 @@ class DiskFile:
         os.close(self._file)
 
 
-class Disk:
+class LocalDisk:
     """Makes, renames and removes files; each is so after a power cut too."""
 
     def open(self, path: str) -> DiskFile:

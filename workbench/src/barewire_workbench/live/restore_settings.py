@@ -21,6 +21,7 @@ from __future__ import annotations
 import time
 from collections.abc import Callable, Generator, Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
+from math import isfinite
 from typing import NamedTuple
 
 from barewire import CanopenClient
@@ -42,7 +43,7 @@ from barewire_workbench.live.save_settings import (
     read_settings,
     select,
 )
-from barewire_workbench.settings.compare import same
+from barewire_workbench.settings.compare import same_setting
 from barewire_workbench.settings.rules import KeptSetting, SettingRules
 from barewire_workbench.settings.saved import SavedSettings, value_of
 
@@ -133,6 +134,8 @@ class Restore:
         """
         rules = SettingRules.of(self.machine.device)
         self._match(rules)
+        if not self._wanted:
+            raise EncodeError("there is no setting to write in the file: expected names below [settings]")
         if self.check:
             self._check_machine(rules)
             if not dry_run:
@@ -151,6 +154,8 @@ class Restore:
                 yield from self._write_communication(changes[len(plain) :])
             if self.store and not self.failed:
                 self._store(rules)
+        except Refused as error:  # the store command: what was written is lost when the machine is switched off
+            self.stopped = error
         except (PortError, NoAnswer) as error:
             self.stopped = error
             done = {*self.written, *(change.parameter.name for change in self.failed)}
@@ -172,7 +177,10 @@ class Restore:
         known = {setting.name: setting for setting in rules.settings(is_can=is_can)}
         elsewhere = {setting.name for setting in rules.settings(is_can=not is_can)}
         wanted = self.saved.settings | (self.saved.communication if self.communication else {})
-        problems = []
+        problems = [
+            f"{name}: in [settings] and [communication]"
+            for name in self.saved.settings.keys() & self.saved.communication
+        ]
         for name, value in wanted.items():
             setting = known.get(name)
             if setting is None and name in elsewhere:
@@ -204,10 +212,7 @@ class Restore:
             if reading.value not in values:
                 raise Mismatch(f"{reading}: expected the machine at rest, since restoring restarts it")
         if (roles := self.machine.device.drive) is not None:
-            state = state_of(int(self.machine.read(roles.status_word).value))
-            if state in _ENABLED:
-                text = "settings are written while the motor has no current: `barewire drive ... disable`"
-                raise Mismatch(f"the drive is in {state.name.replace('_', ' ')}: {text}")
+            check_at_rest(int(self.machine.read(roles.status_word).value))
 
     def _differing(self, wanted: Sequence[tuple[KeptSetting, Value]]) -> list[Change]:
         """Read settings, and return those that the machine has otherwise, or does not tell, with that as the problem.
@@ -219,7 +224,7 @@ class Restore:
             parameter, value = present.setting.parameter, values[present.setting.name]
             if present.value is None:
                 changes.append(Change(parameter, None, value, f"not read back: {present.problem}"))
-            elif not same(present.value, value):
+            elif not same_setting(parameter, present.value, value):
                 changes.append(Change(parameter, present.value, value, f"it is {parameter.text(present.value)}"))
         if wanted and len(changes) == len(wanted) and all(change.before is None for change in changes):
             raise NoAnswer(f"no setting could be read: {changes[-1].problem}")
@@ -230,6 +235,8 @@ class Restore:
         for change in changes:
             try:
                 raw = change.parameter.to_raw(change.after)
+                if isinstance(raw, float) and not isfinite(raw):
+                    raise EncodeError(f"{change.parameter.name} = {raw}: expected a finite number")
                 if change.parameter.type not in ("bool", "text"):
                     codec(change.parameter.type).encode(raw)
             except EncodeError as error:
@@ -348,6 +355,14 @@ class Restore:
                 if time.monotonic() > end:
                     raise
                 time.sleep(0.1)
+
+
+def check_at_rest(status_word: int) -> None:
+    """Raise Mismatch if the motor of a CiA 402 drive may have current."""
+    state = state_of(status_word)
+    if state in _ENABLED:
+        text = "settings are written while the motor has no current: `barewire drive ... disable`"
+        raise Mismatch(f"the drive is in {state.name.replace('_', ' ')}: {text}")
 
 
 def _object_setting(change: Change) -> Setting:

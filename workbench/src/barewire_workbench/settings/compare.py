@@ -5,11 +5,10 @@ from __future__ import annotations
 from collections.abc import Iterator
 from typing import NamedTuple
 
-from barewire.codecs import Value
-from barewire_workbench.settings.saved import SavedSettings, SavedValue
-
-_PRECISION = 6e-8
-"""Half a step of a 32-bit float: values that were read from one are written without its binary tail."""
+from barewire.codecs import Value, codec
+from barewire.devices import Parameter
+from barewire.errors import EncodeError
+from barewire_workbench.settings.saved import SavedSettings, SavedValue, number_text
 
 
 class SettingDifference(NamedTuple):
@@ -36,17 +35,30 @@ COLUMNS = ("name", "a", "a_unit", "b", "b_unit", "error")
 
 
 def same(first: Value, second: Value) -> bool:
-    """Return whether two values are equal, floats to the precision of 32 bits.
+    """Return whether two values are equal; a 32-bit float and its text without the binary tail are.
 
     >>> same(0.2, 0.20000000298023224), same(0.2, 0.2000001), same(1, True), same(float("nan"), float("nan"))
     (True, False, True, True)
+    >>> same(70, float("inf")), same(429496729.5, 429496705.0), same(4200000000, 4199999800.0)
+    (False, False, False)
     """
-    if isinstance(first, float) or isinstance(second, float):
-        if isinstance(first, (str, bytes)) or isinstance(second, (str, bytes)):
-            return False
-        both_nan = first != first and second != second
-        return both_nan or first == second or abs(first - second) <= _PRECISION * max(abs(first), abs(second))
+    if isinstance(first, float) and isinstance(second, float):
+        return number_text(first) == number_text(second)
     return first == second
+
+
+def same_setting(parameter: Parameter, first: Value, second: Value) -> bool:
+    """Return whether two values of a parameter are the same on the wire."""
+    if same(first, second):
+        return True
+    numbers = not isinstance(first, (str, bytes)) and not isinstance(second, (str, bytes))
+    if not numbers or parameter.type not in ("f32", "f64"):
+        return False
+    try:
+        raw = [codec(parameter.type).encode(parameter.to_raw(value)) for value in (first, second)]
+    except EncodeError:  # one of them is out of range
+        return False
+    return raw[0] == raw[1]
 
 
 def differences(
@@ -63,5 +75,8 @@ def differences(
                 yield SettingDifference(name, left, right, first.not_read.get(name) or second.not_read.get(name, ""))
             elif left.unit != right.unit or not same(left.value, right.value):
                 yield SettingDifference(name, left, right)
-    for name in first.not_read.keys() & second.not_read.keys():
-        yield SettingDifference(name, None, None, f"{first.not_read[name]}; {second.not_read[name]}")
+    known = {*first.settings, *first.communication, *second.settings, *second.communication}
+    for name in dict.fromkeys((*first.not_read, *second.not_read)):
+        if name not in known:
+            why = dict.fromkeys(side.not_read[name] for side in (first, second) if name in side.not_read)
+            yield SettingDifference(name, None, None, "; ".join(why))

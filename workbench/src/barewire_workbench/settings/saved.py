@@ -20,6 +20,7 @@ from __future__ import annotations
 
 import json
 import math
+import struct
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -55,7 +56,10 @@ def saved_value(parameter: Parameter, value: Value, address: str = "") -> SavedV
 
 
 def value_of(parameter: Parameter, saved: SavedValue) -> Value:
-    """Return the value of a parameter that is in a file. Raises EncodeError for a text that is not of bytes."""
+    """Return the value of a parameter that is in a file. Raises EncodeError for a text that is not of bytes, and for
+    true or false that is not of a bit."""
+    if isinstance(saved.value, bool) and parameter.type != "bool":
+        raise EncodeError(f"{parameter.name} = {shown(saved.value)}: expected a number")
     if parameter.type != "octets" or not isinstance(saved.value, str):
         return saved.value
     try:
@@ -177,6 +181,27 @@ def _saved_value(item: object, where: str) -> SavedValue:
     return SavedValue(item["value"], unit, address)
 
 
+def number_text(value: float) -> str:
+    """Return the shortest text of a float that loses nothing: of a 32-bit float without its binary tail, of any other
+    float, such as a scaled integer, with all its digits.
+
+    >>> [number_text(value) for value in (0.20000000298023224, 0.2, 429496729.5, 4.0, float("inf"))]
+    ['0.2', '0.2', '429496729.5', '4.0', 'inf']
+    """
+    if math.isfinite(value) and not value.is_integer() and abs(value) < _F32_MAX and _as_f32(value) == value:
+        return next(
+            (text for digits in range(1, 9) if _as_f32(float(text := f"{value:.{digits}g}")) == value), repr(value)
+        )
+    return repr(value)
+
+
+def _as_f32(value: float) -> float:
+    return float(struct.unpack("f", struct.pack("f", value))[0])
+
+
+_F32_MAX = 3.4e38
+
+
 def _toml(value: Value) -> str:
     """Return a value as TOML has it.
 
@@ -186,8 +211,7 @@ def _toml(value: Value) -> str:
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):
-        text = show(value) if math.isfinite(value) else str(value)
-        return text if any(mark in text for mark in ".en") else f"{text}.0"
+        return number_text(value)
     if isinstance(value, int):
         return str(value)
     # A basic string of TOML has the escapes of JSON, and none of the control characters, of which JSON leaves one.
