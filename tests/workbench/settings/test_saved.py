@@ -44,6 +44,9 @@ GOOD = SavedSettings("mine", settings={"Limit": SavedValue(2.5, "A", "holding 4"
     [
         ("format = ", "no TOML: "),
         ("\udcff", "no TOML: "),
+        (GOOD.replace("2.5", "1" + "0" * 5000), "no TOML: "),
+        (f"a = {'[' * 900}{']' * 900}", "(no TOML of|format = )"),
+        (GOOD + ".".join("x" * 5000) + " = 1", "(no TOML of|.settings)"),
         ("", "format = None: expected 1"),
         ("[FileInfo]\nFileName=x", "no TOML: "),
         (GOOD.replace('"mine"', "7"), "device = 7: expected text"),

@@ -98,3 +98,20 @@ def test_two_programs_do_not_write_one_file(tmp_path: Path) -> None:
         opened(path)
     first.close()
     opened(path).close()
+
+
+@pytest.mark.parametrize("content", ["my only notes, no newline at end", "a,b\n1,2\n3,4 important"])
+def test_a_file_of_something_else_is_refused_and_stays_as_it_is(tmp_path: Path, content: str) -> None:
+    path = tmp_path / "notes.csv"
+    path.write_text(content, encoding="utf-8")
+    with pytest.raises(EncodeError, match="expected time"):
+        opened(path)
+    assert path.read_text(encoding="utf-8") == content
+
+
+@pytest.mark.parametrize("left", ["ti", "time\0\0\0", "\0\0"])
+def test_what_a_power_cut_left_of_the_headings_is_completed(tmp_path: Path, left: str) -> None:
+    path = tmp_path / "night.csv"
+    path.write_text(left, encoding="utf-8")
+    opened(path).close()
+    assert path.read_text(encoding="utf-8").startswith("time,")

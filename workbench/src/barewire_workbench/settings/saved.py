@@ -135,9 +135,16 @@ class SavedSettings:
     def parse(cls, data: bytes, name: str) -> SavedSettings:
         """Return the settings in the bytes of a file. Raises BadFile with what was expected."""
         try:
-            table = tomllib.loads(data.decode("utf-8"))
-        except (tomllib.TOMLDecodeError, UnicodeDecodeError) as error:
+            return cls._of_table(tomllib.loads(data.decode("utf-8-sig")), name)
+        except BadFile:
+            raise
+        except RecursionError:
+            raise BadFile(f"{name}: no TOML of `barewire save`: nested too deeply") from None
+        except ValueError as error:  # no TOML, no UTF-8, or a number of thousands of digits
             raise BadFile(f"{name}: no TOML: {error}") from None
+
+    @classmethod
+    def _of_table(cls, table: Mapping[str, Any], name: str) -> SavedSettings:
         if table.get("format") != FORMAT:
             raise BadFile(
                 f"{name}: format = {shown(table.get('format'))}: expected {FORMAT}, as `barewire save` writes"

@@ -70,13 +70,16 @@ class CsvFile:
         """Bytes of half a line that were at the end."""
         self._file = disk.open(path)
         try:
-            self._repair()
             line = csv_line(headings)
+            # Before anything is cut off: the file of another program, or of other columns, stays as it is. A power cut
+            # may have left a part of our headings, or zeros.
+            present = self._file.read(0, len(line))
+            if not line.startswith(present.rstrip(b"\0")):
+                raise EncodeError(_other_headings(path, present, headings))
+            self._repair()
             if self._file.size() == 0:
                 self._append(line)
                 self._file.sync()
-            elif (present := self._file.read(0, len(line))) != line:
-                raise EncodeError(_other_headings(path, present, headings))
             self.first_time, self.last_time = self._times(len(line))
         except BaseException:
             self._file.close()
