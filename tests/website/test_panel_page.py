@@ -150,7 +150,9 @@ def test_the_scope_records_once_a_value_passes_the_level_and_saves_csv_and_svg(b
     page.get_by_role("button", name="Write Profile Velocity").click()
     page.get_by_label("New value").fill("40000")
     page.get_by_role("button", name="Show the frame").click()
+    expect(page.locator("#plan .frame")).to_contain_text("valid", timeout=_LOADED)
     page.get_by_role("button", name="Send it").click()
+    expect(page.locator("#write-result.good")).to_contain_text("Profile Velocity", timeout=_LOADED)
     page.get_by_role("button", name="Close").click()
     expect(scope.get_by_role("status")).to_contain_text("triggered", timeout=_LOADED)
     files = []
