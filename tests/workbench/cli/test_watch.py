@@ -13,6 +13,7 @@ import subprocess
 import sys
 import time
 from collections import Counter
+from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
@@ -335,7 +336,7 @@ def test_what_was_shown_is_in_the_file_however_the_command_ends(tmp_path: Path, 
         CsvFile(LocalDisk(), str(path), ["time", "holding:0", "error"]).close()
         written = [row[0] for row in rows_of(path)[1:]]
     else:
-        with sqlite3.connect(path) as database:
+        with closing(sqlite3.connect(path)) as database, database:
             written = [row[0] for row in database.execute("SELECT time FROM samples")]
     assert len(times) >= 38
     assert not Counter(times) - Counter(written)

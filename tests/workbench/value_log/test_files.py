@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import sqlite3
+from contextlib import closing
 from pathlib import Path
 
 import pytest
@@ -55,8 +56,9 @@ def test_a_database_has_types_and_takes_other_columns_for_another_log(tmp_path: 
     file.add(["2026-11-28T03:00:00.000+01:00", 2.5, True, 1 << 63, ""])
     assert file.first_time == file.last_time == "2026-11-28T03:00:00.000+01:00"
     file.close()
-    assert SqliteFile(str(path), HEADINGS).last_time == "2026-11-28T03:00:00.000+01:00"
-    with sqlite3.connect(path) as database:
+    with closing(SqliteFile(str(path), HEADINGS)) as again:
+        assert again.last_time == "2026-11-28T03:00:00.000+01:00"
+    with closing(sqlite3.connect(path)) as database, database:
         assert database.execute("SELECT * FROM samples").fetchall() == [
             ("2026-11-28T03:00:00.000+01:00", 2.5, 1, str(1 << 63), None)
         ]
