@@ -16,7 +16,6 @@ from barewire.modbus import Bus, ModbusException, Server, Table
 from barewire.modbus.messages.base import Response
 from barewire.modbus.messages.registers import ReadHoldingRegisters, ReadHoldingRegistersResponse
 from barewire.tcp import TcpLine
-from barewire_workbench.cli.raw_address import device_with
 from tests.helpers import Peer, refused, serving
 
 AZ3, ADXL, CSD = load("az3"), load("adxl"), load("csd-mt")
@@ -286,13 +285,6 @@ def test_a_parameter_with_an_order_of_its_own_keeps_it() -> None:
     assert {place.order for row in az3.parameters if (place := row.modbus) and row.type == "f32"} == {"ABCD"}
     assert load("az3").find("ID KP").modbus == az3.find("ID KP").modbus._replace(order="CDAB")  # type: ignore[union-attr]
     assert az3.find("STATUS WORD").object == load("az3").find("STATUS WORD").object
-
-
-def test_addresses_beside_names_have_the_same_order() -> None:
-    machine = device_with("csd-mt?order=ABCD", ["holding:100:f32"])
-    place = machine.find("holding:100:f32").modbus
-    assert place is not None
-    assert place.order == "ABCD"
 
 
 @pytest.mark.parametrize("name", ["csd-mt?order=XYZ", "csd-mt?orders=ABCD", "csd-mt?"])

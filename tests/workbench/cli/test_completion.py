@@ -71,12 +71,14 @@ def test_bash_gets_blanks_with_a_backslash_outside_of_quotes(
 
 @pytest.mark.long
 @pytest.mark.skipif(shutil.which("bash") is None, reason="bash is missing")
-def test_bash_itself_gets_words_that_it_can_insert() -> None:
-    command = shlex.join(COMMAND)  # in place of $1, which is the name that is completed
+def test_bash_itself_gets_words_that_it_can_insert(tmp_path: Path) -> None:
+    program = tmp_path / "barewire"  # the script of the completion calls what it completes, by one word
+    program.write_text(f'#!/bin/sh\nexec {shlex.join(COMMAND)} "$@"\n')
+    program.chmod(0o755)
     script = f"""
-    eval "$(_BAREWIRE_COMPLETE=bash_source {command} | sed 's| [$]1)| {command})|')"
+    eval "$(_BAREWIRE_COMPLETE=bash_source {program})"
     COMP_WORDS=(barewire read '"{URL}"' az3 targ) COMP_CWORD=4
-    _barewire_completion barewire targ az3
+    _barewire_completion {program} targ az3
     printf '%s\\n' "${{COMPREPLY[0]}}"
     """
     done = subprocess.run(

@@ -17,7 +17,7 @@ from barewire.io.ports.pty import PseudoTerminal
 from barewire.io.server.can import SocketcandHub
 from barewire.rtu import encode
 from tests.helpers import free_port, unhex
-from tests.workbench.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, run_command
+from tests.workbench.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, run_command, run_here
 
 READ, VALUES = encode(1, unhex("03 0000 0002")), encode(1, unhex("03 04 0017 0007"))
 
@@ -179,3 +179,23 @@ def test_a_live_bus_is_diagnosed_and_nothing_is_sent() -> None:
     assert sender.receive(0.1) is None
     sender.close()
     hub.close()
+
+
+def test_a_text_that_reports_no_failure_is_no_recording(tmp_path: Path) -> None:
+    text = tmp_path / "notes.txt"
+    text.write_text("a shopping list\n")
+    assert "expected a recording" in error_of("diagnose", str(text))
+
+
+def test_a_text_without_bytes_ends_with_its_verdict_and_status_1(tmp_path: Path) -> None:
+    text = tmp_path / "error.txt"
+    text.write_text("pymodbus.exceptions.ConnectionException: Modbus Error: [Connection] Failed to connect\n")
+    done = run_here("diagnose", str(text))
+    assert done.returncode == 1
+    assert done.stdout.startswith("verdict: there are no bytes, so that no cause is proved [no-bytes]: ")
+
+
+def test_digits_of_a_message_are_no_bytes_of_a_line(tmp_path: Path) -> None:
+    text = tmp_path / "error.txt"
+    text.write_text("Error in plugin: modbus: response transaction id '7616' does not match request '7617'\n")
+    assert "each answer is that of the request before" in run_here("diagnose", str(text)).stdout

@@ -181,3 +181,10 @@ def test_the_name_of_a_parameter_is_no_number_of_a_manual() -> None:
     assert place is not None
     assert place.address == 100
     assert wire_address("4\N{ARABIC-INDIC DIGIT ONE}001") != "holding:1000"
+
+
+def test_addresses_beside_names_have_the_same_order() -> None:
+    machine = device_with("csd-mt?order=ABCD", ["holding:100:f32"])
+    place = machine.find("holding:100:f32").modbus
+    assert place is not None
+    assert place.order == "ABCD"
