@@ -9,7 +9,8 @@ import pytest
 
 from barewire.devices import load, names
 from barewire_workbench.cli.devices import parameter_fields
-from tests.workbench.cli.helpers import ENVIRONMENT, error_of, output_of
+from tests.workbench.cli.helpers import ENVIRONMENT, error_of, output_of, run_here
+from tests.workbench.eds.test_device import plant
 
 KEYS = ["name", "type", "unit", "scale", "default", "min", "max", "access", "values", "firmware", "note"]
 KEYS += ["modbus", "object", "bits", "kind", "storable", "answered", "printed", "group"]
@@ -73,6 +74,15 @@ def test_the_long_form_has_values_defaults_and_notes() -> None:
     assert "    3: 20 kbit/s" in text
     assert "the manual prints for canopen_range: 0÷65535" in text
     assert "default 5" not in output_of("devices", "az3", "CAN BIT RATE")
+
+
+def test_control_characters_of_names_do_not_reach_the_terminal(tmp_path: Path) -> None:
+    file = tmp_path / "odd.eds"
+    file.write_bytes(plant().encode().replace(b"Speed", b"Speed\x1b[2J"))
+    for options in ([], ["--long"]):
+        shown = run_here("devices", str(file), *options).stdout
+        assert "Speed?[2J" in shown
+        assert "\x1b" not in shown
 
 
 def test_a_device_without_parameters(tmp_path: Path) -> None:

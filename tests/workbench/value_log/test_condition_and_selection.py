@@ -54,8 +54,11 @@ def test_a_value_may_be_given_by_its_name() -> None:
         ("== 1", "expected NAME"),
         ("Status Word.3 == 2", "a bit is 0 or 1"),
         ("Status Word.64 == 1", "has no bit 64"),
+        ("Status Word.16 == 1", "has no bit 16"),
         ("Status Word == high", "expected a number"),
         ("Status Word === 1", "expected NAME"),
+        ("Current Ratio == nan", "expected a number"),
+        ("Current Ratio < inf", "expected a number"),
         ("__import__('os').system('x') == 1", "no parameter"),
     ],
 )

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import sqlite3
 from contextlib import closing
+from math import nan
 from pathlib import Path
 
 import pytest
@@ -55,15 +56,21 @@ def test_a_database_has_types_and_takes_other_columns_for_another_log(tmp_path: 
     file = SqliteFile(str(path), HEADINGS)
     file.add(["2026-11-28T03:00:00.000+01:00", 2.5, True, 1 << 63, ""])
     assert file.first_time == file.last_time == "2026-11-28T03:00:00.000+01:00"
+    file.add(["2026-11-28T03:00:01.000+01:00", nan, False, "", ""])
     file.close()
     with closing(SqliteFile(str(path), HEADINGS)) as again:
-        assert again.last_time == "2026-11-28T03:00:00.000+01:00"
+        assert again.last_time == "2026-11-28T03:00:01.000+01:00"
     with closing(sqlite3.connect(path)) as database, database:
         assert database.execute("SELECT * FROM samples").fetchall() == [
-            ("2026-11-28T03:00:00.000+01:00", 2.5, 1, str(1 << 63), None)
+            ("2026-11-28T03:00:00.000+01:00", 2.5, 1, str(1 << 63), None),
+            ("2026-11-28T03:00:01.000+01:00", "nan", 0, "", None),
         ]
     with refused(EncodeError, "expected time,Other,error to append"):
         SqliteFile(str(path), ["time", "Other", "error"])
+    with closing(sqlite3.connect(tmp_path / "shop.db")) as database, database:
+        database.execute("CREATE TABLE orders (number)")
+    with refused(EncodeError, "has the tables orders: expected samples to append to it"):
+        SqliteFile(str(tmp_path / "shop.db"), HEADINGS)
     (tmp_path / "text.db").write_text("not a database, but long enough to be looked at" * 10)
     with pytest.raises(OSError, match="not a database"):
         SqliteFile(str(tmp_path / "text.db"), HEADINGS)
@@ -102,7 +109,15 @@ def test_two_programs_do_not_write_one_file(tmp_path: Path) -> None:
     opened(path).close()
 
 
-@pytest.mark.parametrize("content", ["my only notes, no newline at end", "a,b\n1,2\n3,4 important"])
+@pytest.mark.parametrize(
+    "content",
+    [
+        "my only notes, no newline at end",
+        "a,b\n1,2\n3,4 important",
+        "\0" * 40_000 + "precious",
+        "time,\0\0\0" + "of my life" * 20,
+    ],
+)
 def test_a_file_of_something_else_is_refused_and_stays_as_it_is(tmp_path: Path, content: str) -> None:
     path = tmp_path / "notes.csv"
     path.write_text(content, encoding="utf-8")

@@ -21,6 +21,7 @@ import click
 from barewire import __version__
 from barewire.errors import BarewireError, EncodeError
 from barewire_workbench.cli.arguments import CommandGroup
+from barewire_workbench.cli.output import printable
 from barewire_workbench.live.results import text_with_notes
 
 COMMANDS = {
@@ -187,7 +188,7 @@ def _print_error(text: str, status: int) -> int:
 def _print_text(text: str, status: int) -> int:
     """Print a text on stderr, and return the status, which is all that is left to report where stderr is full."""
     with suppress(OSError):
-        print(text, file=sys.stderr)
+        print(printable(text), file=sys.stderr)
     _flush_or_discard(sys.stderr)
     return status
 

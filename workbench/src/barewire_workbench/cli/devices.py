@@ -49,11 +49,11 @@ def devices_command(name: str | None, words: tuple[str, ...], is_long: bool, out
             print_json(parameter_fields(parameter))
         return
     count = len(device.parameters)
-    print(f"{device.title}: {count if len(wanted) == count else f'{len(wanted)} of {count}'} parameters")
+    output.text(f"{device.title}: {count if len(wanted) == count else f'{len(wanted)} of {count}'} parameters")
     if is_long:
-        _print_long(wanted)
+        _print_long(wanted, output)
     elif wanted:
-        _print_table(wanted)
+        _print_table(wanted, output)
 
 
 def parameter_fields(parameter: Parameter) -> dict[str, Any]:
@@ -120,7 +120,7 @@ def _protocols(device: Device) -> list[str]:
     return [name for name, side in (("Modbus", device.modbus), ("CANopen", device.canopen)) if side]
 
 
-def _print_table(parameters: list[Parameter]) -> None:
+def _print_table(parameters: list[Parameter], output: Output) -> None:
     """Print a line for each parameter below a heading for each group; plain text, for grep.
 
     On a narrow terminal columns are left out, and a name that is too long has a line of its own."""
@@ -148,16 +148,16 @@ def _print_table(parameters: list[Parameter]) -> None:
         shown = [f"{cell:<{width}}" for cell, width, is_used in zip(cells, widths, used) if is_used]
         return ("  " + "  ".join(shown)).rstrip()
 
-    print(line(titles))
+    output.text(line(titles))
     group = ""  # rows before the first heading have none
     for parameter, row in zip(parameters, rows):
         if parameter.group != group:
             group = parameter.group
-            print(f"\n{group}")
-        print(line(row))
-    print("\nAddresses are those on the wire, from 0. Defaults, values and notes: --long")
+            output.text(f"\n{group}")
+        output.text(line(row))
+    output.text("\nAddresses are those on the wire, from 0. Defaults, values and notes: --long")
     if left_out:
-        print(f"Left out on this narrow terminal, see --long: {', '.join(left_out)}")
+        output.text(f"Left out on this narrow terminal, see --long: {', '.join(left_out)}")
 
 
 _RANGE_WIDTH = 40
@@ -172,13 +172,15 @@ def _columns(parameter: Parameter) -> tuple[str, ...]:
     return (parameter.name, parameter.access, parameter.type + scale, limits, *parameter.places)
 
 
-def _print_long(parameters: list[Parameter]) -> None:
+def _print_long(parameters: list[Parameter], output: Output) -> None:
     """Print a line for each parameter, its name first, and its other fields below; plain text, for grep."""
     width = max((len(parameter.name) for parameter in parameters), default=0)
     for parameter in parameters:
-        print(f"{parameter.name:<{width}}  {'  '.join(filter(None, _main_fields(parameter)))}")
+        output.text(f"{parameter.name:<{width}}  {'  '.join(filter(None, _main_fields(parameter)))}")
         for line in _other_fields(parameter):
-            print(textwrap.fill(line, 110, initial_indent="    ", subsequent_indent="      ", break_on_hyphens=False))
+            output.text(
+                textwrap.fill(line, 110, initial_indent="    ", subsequent_indent="      ", break_on_hyphens=False)
+            )
 
 
 def _main_fields(parameter: Parameter) -> Iterator[str]:

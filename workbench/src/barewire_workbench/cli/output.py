@@ -36,13 +36,24 @@ class Output:
         if self.as_json:
             print_json(fields() if callable(fields) else fields)
         else:
-            print(text, flush=True)
+            print(printable(text), flush=True)
 
     def text(self, *lines: object) -> None:
         """Print lines that only people read, such as a title or a total."""
         if not self.as_json:
             for line in lines:
-                print(line, flush=True)
+                print(printable(line), flush=True)
+
+
+def printable(text: object) -> str:
+    r"""Return a text with "?" for each control character but the ends of lines: a terminal obeys those in the names of
+    an EDS, in the strings of a device and in the answers of a program.
+
+    >>> printable("Speed\x1b[2J")
+    'Speed?[2J'
+    """
+    lines = str(text).split("\n")
+    return "\n".join("".join(letter if letter.isprintable() else "?" for letter in line) for line in lines)
 
 
 output_option = click.option(
@@ -78,7 +89,7 @@ def _without_nan(value: Any) -> Any:
 
 def note(text: str) -> None:
     """Print a line on stderr about something that is no error."""
-    print(f"barewire: {text}", file=sys.stderr, flush=True)
+    print(f"barewire: {printable(text)}", file=sys.stderr, flush=True)
 
 
 def note_refused_pdos(file: str, reasons: Iterable[str]) -> None:

@@ -14,7 +14,15 @@ import click
 from barewire.errors import EncodeError
 from barewire_workbench.cli.arguments import CommandGroup, duration, format_option, json_option
 from barewire_workbench.cli.ending import EndedBySignal, ended_by_signals
-from barewire_workbench.cli.output import Output, output_form, output_option, port_error, print_json, status_line
+from barewire_workbench.cli.output import (
+    Output,
+    output_form,
+    output_option,
+    port_error,
+    print_json,
+    printable,
+    status_line,
+)
 from barewire_workbench.cli.vectors_show import pictures_of_case, shown_case
 from barewire_workbench.vectors.answers.table import own_answer
 from barewire_workbench.vectors.files import Vectors, load_vectors
@@ -222,7 +230,7 @@ def check_command(
         _write_badge(badge, vectors, profile, summary)
     output.show(_table(summary, name), _summary_fields(summary, name))
     if all(checked.verdict.state == "not offered" for checked in cases):
-        output.text(f"nothing was asked; for example {cases[0].id}: {_printable(cases[0].verdict.text)}")
+        output.text(f"nothing was asked; for example {cases[0].id}: {printable(cases[0].verdict.text)}")
     return int(summary.total["failed"] > 0 or not summary.total["passed"])
 
 
@@ -276,7 +284,7 @@ def _run(vectors: Vectors, ask: Ask, output: Output, *, exact: bool) -> list[Che
                 print_json(_case_fields(checked))
             elif checked.verdict.state == "failed":
                 comment = checked.case.get("comment", "")
-                output.text(f"failed  {checked.id}  {comment}", f"    {_printable(checked.verdict.text)}")
+                output.text(f"failed  {checked.id}  {comment}", f"    {printable(checked.verdict.text)}")
             if show is not None and len(cases) % 20 == 0:
                 show(f"{len(cases)} of {total} cases, {failed} failed ")
     return cases
@@ -313,12 +321,12 @@ def _table(summary: CheckSummary, name: str) -> str:
         rows.append(f"{kind:{width}}" + "".join(f"{row[state] or '':>13}" for state in _STATES))
     total = sum(summary.total.values())
     not_offered = f", {summary.total['not offered']} not offered" if summary.total["not offered"] else ""
-    return "\n".join([*rows, f"{_printable(name)}: {summary.total['passed']} of {total} cases passed{not_offered}"])
+    return "\n".join([*rows, f"{printable(name)}: {summary.total['passed']} of {total} cases passed{not_offered}"])
 
 
 def _write_junit(path: Path, name: str, cases: list[CheckedCase]) -> None:
     """Write a file of JUnit XML: a suite for each file, a test case for each case."""
-    root = ElementTree.Element("testsuites", name=f"barewire vectors: {_printable(name)}")
+    root = ElementTree.Element("testsuites", name=f"barewire vectors: {printable(name)}")
     suites: dict[str, ElementTree.Element] = {}
     for checked in cases:
         suite = suites.get(checked.file.name)
@@ -326,10 +334,10 @@ def _write_junit(path: Path, name: str, cases: list[CheckedCase]) -> None:
             suite = suites[checked.file.name] = ElementTree.SubElement(root, "testsuite", name=checked.file.name)
         row = ElementTree.SubElement(suite, "testcase", classname=checked.file.name, name=checked.id)
         if checked.verdict.state == "failed":
-            ElementTree.SubElement(row, "failure", message=_printable(checked.verdict.text))
+            ElementTree.SubElement(row, "failure", message=printable(checked.verdict.text))
         elif checked.verdict.state in ("open", "not offered"):
             ElementTree.SubElement(
-                row, "skipped", message=_printable(f"{checked.verdict.state}: {checked.verdict.text}")
+                row, "skipped", message=printable(f"{checked.verdict.state}: {checked.verdict.text}")
             )
     for suite in suites.values():
         suite.set("tests", str(len(suite)))
@@ -346,8 +354,3 @@ def _write_badge(path: Path, vectors: Vectors, profile: str | None, summary: Che
     form = badge_json if path.suffix == ".json" else badge_svg
     with port_error(path):
         path.write_text(form(*badge_texts(vectors, profile or "", summary.total)), encoding="utf-8")
-
-
-def _printable(text: str) -> str:
-    """Return a text of a foreign program without control characters: XML does not have them, terminals obey them."""
-    return "".join(character if character.isprintable() else "?" for character in text)

@@ -59,7 +59,7 @@ class DeviceIdentity:
         >>> str(DeviceIdentity({"VendorName": "TEM", "ProductCode": "AZ3"}, numbers={"device_type": 0x20192}))
         'TEM AZ3, profile 402 (drives)'
         """
-        words = (_printable(text) for text in self.texts.values())
+        words = (_words(text) for text in self.texts.values())
         parts = [" ".join(word for word in words if word)]
         if self.server_id:
             parts.append(f"server ID {self.server_id.hex(' ').upper()}")
@@ -74,7 +74,8 @@ class DeviceIdentity:
         return {**self.texts, **server_id, **self.numbers}
 
 
-def _printable(text: str) -> str:
+def _words(text: str) -> str:
+    # Without control characters: devices fill the end of their texts with zeros.
     return "".join(letter for letter in text if letter.isprintable()).strip()
 
 

@@ -12,6 +12,7 @@ The operators are == != < <= > >=. A VALUE is written as for `barewire write`.
 
 from __future__ import annotations
 
+import math
 import operator
 import re
 from collections.abc import Callable, Sequence
@@ -32,7 +33,6 @@ _OPERATORS: dict[str, Callable[[Any, Any], bool]] = {
 }
 _FORM = re.compile(r"(?P<name>[^=!<>]+)(?P<operator>==|!=|<=|>=|<|>|=)(?P<value>[^=].*)", re.DOTALL)
 _BIT = re.compile(r"(?P<name>.+)\.(?P<bit>\d{1,2})")
-_BITS = 64
 
 
 class Condition(NamedTuple):
@@ -72,6 +72,8 @@ def condition(text: str, machines: Sequence[Watched], parse_value: Callable[[Par
     else:
         value = parse_value(column.parameter, _unquoted(match["value"].strip()))
         limit = value.hex(" ").upper() if isinstance(value, bytes) else value  # as `values_of` has it
+    if isinstance(limit, float) and not math.isfinite(limit):
+        raise EncodeError(f"condition {shown(text)}: expected a number to compare with")
     if isinstance(limit, str) and match["operator"] not in ("==", "!="):
         raise EncodeError(f"condition {shown(text)}: a text is compared with == or !=")
     return Condition(text, column, bit, _OPERATORS[match["operator"]], limit)
@@ -114,7 +116,8 @@ def _bit_value(text: str, column: Column, bit: int, value: str) -> int:
     numbers = {"0": 0, "1": 1, "off": 0, "on": 1}
     if value.lower() not in numbers:
         raise EncodeError(f"condition {shown(text)}: a bit is 0 or 1")
-    if bit >= _BITS or column.parameter.type in ("text", "f32", "f64"):
+    width = re.fullmatch(r"[iu](\d+)", column.parameter.type)
+    if bit >= (int(width[1]) if width else 0):
         raise EncodeError(f"condition {shown(text)}: {column.parameter.name} has no bit {bit}")
     return numbers[value.lower()]
 

@@ -71,10 +71,9 @@ class CsvFile:
         self._file = disk.open(path)
         try:
             line = csv_line(headings)
-            # Before anything is cut off: the file of another program, or of other columns, stays as it is. A power cut
-            # may have left a part of our headings, or zeros.
+            # Before anything is cut off: the file of another program, or of other columns, stays as it is.
             present = self._file.read(0, len(line))
-            if not line.startswith(present.rstrip(b"\0")):
+            if present != line and not self._is_begun(present, line):
                 raise EncodeError(_other_headings(path, present, headings))
             self._repair()
             if self._file.size() == 0:
@@ -113,6 +112,12 @@ class CsvFile:
             with suppress(OSError):
                 self._file.cut(start)
             raise
+
+    def _is_begun(self, present: bytes, line: bytes) -> bool:
+        # A power cut soon after the first rows leaves a part of the headings, and behind it nothing but zeros.
+        behind = range(len(present), self._file.size(), _BLOCK)
+        has_zeros = not any(self._file.read(start, _BLOCK).strip(b"\0") for start in behind)
+        return has_zeros and line.startswith(present.rstrip(b"\0"))
 
     def _repair(self) -> None:
         """Cut off what is behind the last whole line. Some file systems leave zeros there."""

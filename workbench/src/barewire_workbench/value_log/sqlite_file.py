@@ -34,6 +34,12 @@ class SqliteFile:
             with _os_error():
                 columns = ", ".join(_quoted(heading) for heading in headings)
                 self._database.execute("PRAGMA synchronous = FULL")
+                tables = [
+                    row[0] for row in self._database.execute("SELECT name FROM sqlite_master WHERE type = 'table'")
+                ]
+            if tables and TABLE not in tables:
+                raise EncodeError(f"{path} has the tables {','.join(tables)[:200]}: expected {TABLE} to append to it")
+            with _os_error():
                 self._database.execute(f"CREATE TABLE IF NOT EXISTS {TABLE} ({columns})")
                 present = [row[1] for row in self._database.execute(f"PRAGMA table_info({TABLE})")]
             if present != list(headings):
@@ -74,6 +80,8 @@ class SqliteFile:
 
 
 def _stored(value: Value | None) -> Value | None:
+    if value != value:  # SQLite stores NaN as NULL, which is a value that was not read
+        return "nan"
     return str(value) if isinstance(value, int) and value >= _INTEGERS else value
 
 
