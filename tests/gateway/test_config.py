@@ -70,7 +70,11 @@ def test_how_units_are_asked_may_stand_in_the_url_and_the_tables_go_before_it() 
 
 @pytest.mark.parametrize(
     ("query", "text"),
-    [("gap.9=1", "option of a unit that is not in units"), ("timeout.2=0", "timeout=0: expected more")],
+    [
+        ("gap.9=1", "option of a unit that is not in units"),
+        ("timeout.2=0", "timeout=0: expected more"),
+        ("unit=9", "unit=9: units says what is behind the line"),
+    ],
 )
 def test_a_url_of_a_backend_with_a_wrong_option_of_a_unit(query: str, text: str) -> None:
     with pytest.raises(ConfigError, match=f"^6:1: .*{text}"):

@@ -464,6 +464,8 @@ class _Reader:
             self._fault((*path, "units"), "a node-ID is 1 to 127: give the units others with [backend.unit.N] as = ...")
         if any(unit not in units.values() for unit in endpoint.own_units):
             self._fault((*path, "url"), "the URL has an option of a unit that is not in units")
+        for name in {"unit", "node"} & endpoint.options.keys():
+            self._fault((*path, "url"), f"{name}={endpoint.options[name]}: units says what is behind the line")
         if any(not endpoint.seconds(key, 0.0) for key in endpoint.options if split_name(key)[0] == "timeout"):
             self._fault((*path, "url"), "timeout=0: expected more than 0")
         if not 1 <= values["in_flight"] <= (16 if endpoint.framing == "tcp" else 1):
