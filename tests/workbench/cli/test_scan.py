@@ -15,6 +15,30 @@ from barewire_workbench.cli.app import run_command_line
 from tests.workbench.cli.helpers import error_of, output_of, run_here
 
 
+@pytest.fixture
+def serial_ports(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Pseudo-terminals are taken for serial ports, which have settings."""
+    monkeypatch.setattr("barewire_workbench.live.scan_modbus.is_pseudo_terminal", lambda path: False)
+
+
+def test_a_pseudo_terminal_has_no_settings_to_find() -> None:
+    """Its unit is found once, and nothing says with which settings."""
+    with ModbusServer("rtu://pty", {5: simulator("az3").modbus}) as server:
+        lines = output_of("scan", server.url, "--units", "4-6", "--every").splitlines()
+        assert lines[0].startswith("unit 5    answered after")
+        assert lines[3:] == ["1 found", f'next: barewire read "{server.url}?unit=5" az3 "STATUS WORD"']
+        assert "of which a pseudo-terminal is none" in run_here("scan", server.url, "--baudrates", "9600").stderr
+
+
+@pytest.mark.usefixtures("serial_ports")
+def test_a_unit_that_answers_with_several_settings_is_one_unit() -> None:
+    with ModbusServer("rtu://pty", {5: Table()}) as server:
+        lines = output_of("scan", server.url, "--units", "5", "--baudrates", "9600,19200", "--every").splitlines()
+    assert len([line for line in lines if line.startswith("unit 5    ")]) == 6
+    assert lines[-2] == "1 found, some with several settings"
+
+
+@pytest.mark.usefixtures("serial_ports")
 def test_a_line_as_text() -> None:
     with ModbusServer("rtu://pty", {5: simulator("az3").modbus}) as server:
         lines = output_of("scan", server.url, "--units", "4-6", "--baudrates", "9600", "--formats", "8N1").splitlines()
@@ -90,6 +114,7 @@ def test_as_json() -> None:
     assert json.loads(block) == {"table": "coil", "first": 3, "last": 3, "problem": ""}
 
 
+@pytest.mark.usefixtures("serial_ports")
 def test_nothing_found_is_status_1_with_what_was_tried() -> None:
     with ModbusServer("rtu://pty", {5: Table()}) as server:
         text = error_of(

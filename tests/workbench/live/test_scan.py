@@ -29,10 +29,10 @@ from tests.helpers import free_port
 def test_the_units_of_a_line_are_found_and_named() -> None:
     units: dict[int, Unit] = {5: simulator("adxl").modbus, 7: simulator("az3").modbus, 9: Table()}
     with ModbusServer("rtu://pty", units) as server:
-        scan = scan_modbus(server.url, range(4, 11), baudrates=[19200], formats=["8E1"])
+        scan = scan_modbus(server.url, range(4, 11))
         found = list(scan.run())
     assert [(unit.unit, unit.device and unit.device.name) for unit in found] == [(5, "adxl"), (7, "az3"), (9, None)]
-    assert found[0].url == f"{server.url}?baudrate=19200&parity=E&unit=5"
+    assert found[0].url == f"{server.url}?unit=5"
     assert "TEM AZ3" in str(found[1].identity)
 
 

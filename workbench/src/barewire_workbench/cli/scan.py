@@ -205,7 +205,8 @@ def _identity_text(found: Any) -> str:
 def _conclude_modbus(scan: ModbusScan, found: list[FoundUnit], output: Output) -> None:
     """Print what follows from the scan: how many were found, what to type next, or what to try."""
     readable = [unit for unit in found if unit.scanned.answers]
-    if len(readable) > 3 and len(readable) == len(scan.units):
+    addresses = {unit.unit for unit in found}
+    if len(readable) > 3 and len(readable) == len(addresses) == len(scan.units):
         output.text(f"all {len(readable)} units answer: the server probably does not look at the unit; use the first")
     if scan.unreachable:
         note(f"a gateway answered for {scan.unreachable} units that nobody is there")
@@ -223,7 +224,8 @@ def _conclude_modbus(scan: ModbusScan, found: list[FoundUnit], output: Output) -
         units = f"{len(scan.units)} unit{'' if len(scan.units) == 1 else 's'}"
         note(f"{scan.endpoint}: none of {units} answered{tried}; see docs/how-to/find.md")
         return
-    output.text(f"{len(found)} found")
+    twice = "" if len(addresses) == len(found) else ", some with several settings"
+    output.text(f"{len(addresses)} found{twice}")
     for unit in readable[:1]:
         output.text(f"next: {_next_line(unit.url, unit.device)}")
 

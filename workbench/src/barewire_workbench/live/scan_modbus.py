@@ -5,7 +5,7 @@
 
 Settings that the URL names are kept. The others of a serial line are tried, the likely ones first (`serial_settings`):
 the units 1 to 10 and 247 with each of them, then the others; the first settings with which a unit answers are taken for
-all the rest.
+all the rest. A pseudo-terminal has no settings, so its units are asked once.
 """
 
 from __future__ import annotations
@@ -23,6 +23,7 @@ from barewire.devices import Device
 from barewire.errors import DecodeError, EncodeError, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.modbus.carriers import modbus_endpoint
+from barewire.io.ports.pty import is_pseudo_terminal
 from barewire.modbus.client.bus import Bus
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.messages.identification import ReportServerId
@@ -131,6 +132,10 @@ class ModbusScan:
         return [(settings, units) for units in (likely, others) if units for settings in self.settings]
 
     def _timeout(self, settings: LineSettings | None) -> float:
+        if settings is None and self.endpoint.is_serial_port:  # a pseudo-terminal
+            from barewire.io.ports.serial import SerialSettings  # needs pyserial
+
+            settings = LineSettings(*SerialSettings.of(self.endpoint))
         if "timeout" in self.endpoint.options or settings is None:
             return self.endpoint.timeout
         return settings.timeout(self.endpoint.framing)
@@ -251,12 +256,12 @@ def scan_modbus(
     Raises EncodeError for wrong arguments.
     """
     endpoint = modbus_endpoint(url)
-    if not endpoint.is_serial_port and (baudrates or formats):
-        raise EncodeError(
-            f"endpoint {str(endpoint)!r}: it has no baud rate and no format: they are for rtu:// and ascii://"
-        )
+    has_settings = endpoint.is_serial_port and not is_pseudo_terminal(endpoint.place)
+    if not has_settings and (baudrates or formats):
+        text = "it has no baud rate and no format: they are for serial ports, of which a pseudo-terminal is none"
+        raise EncodeError(f"endpoint {str(endpoint)!r}: {text}")
     settings: list[LineSettings] = []
-    if endpoint.is_serial_port:
+    if has_settings:
         settings = _settings(endpoint, baudrates, formats)
         endpoint = _without(endpoint, _SETTINGS)
     endpoint = _without(endpoint, frozenset(["unit"]))
