@@ -3,9 +3,11 @@
 from __future__ import annotations
 
 import asyncio
+import os
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -15,7 +17,7 @@ from barewire.devices import UnknownName, load
 from barewire.devices.cia402 import State
 from barewire.devices.drive import DriveProgress, DriveStuck
 from barewire.devices.sim import MachineUnits, simulator
-from barewire.errors import EncodeError, PortError
+from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.machine import AsyncMachineClient
 from tests.helpers import refused
 
@@ -177,3 +179,70 @@ def test_a_client_of_the_other_protocol_cannot_be_shared(url: str, other: str) -
 
     with pytest.raises(EncodeError, match=r"shared is .*: expected the client of a machine on the same"):
         asyncio.run(share())
+
+
+SETTINGS = pytest.mark.parametrize(
+    ("query", "options", "expected"),
+    [
+        ("", {}, "9600 8N1"),
+        ("?baudrate=19200", {}, "19200 8N1"),
+        ("?parity=E&baudrate=38400&stopbits=2", {}, "38400 8E2"),
+        ("", {"parity": "O", "baudrate": None}, "9600 8O1"),
+    ],
+)
+
+
+@pytest.fixture
+def silent_line() -> Iterator[str]:
+    """A serial line on which nobody answers; its path."""
+    ours, line = os.openpty()
+    yield os.ttyname(line)
+    os.close(ours)
+    os.close(line)
+
+
+@SETTINGS
+def test_a_line_has_the_settings_of_the_description(
+    query: str, options: dict[str, Any], expected: str, silent_line: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """What the URL names wins. The error of a line on which nothing has answered yet names the settings."""
+    pytest.importorskip("barewire.io.ports.serial")  # which opens this line as what it is
+    monkeypatch.setattr("barewire.io.ports.pty.is_pseudo_terminal", lambda path: False)
+    told = f"the port is set to {expected}, with which no unit has answered yet"
+    url, adxl_options = f"rtu://{silent_line}{query}", {"timeout": 0.01, **options}
+    with connect("adxl", url, **adxl_options) as adxl, pytest.raises(NoAnswer, match=told):
+        adxl.read("Status")
+
+    async def ask() -> None:
+        async with connect_async("adxl", url, **adxl_options) as adxl:
+            await adxl.read("Status")
+
+    with pytest.raises(NoAnswer, match=told):
+        asyncio.run(ask())
+
+
+def test_the_port_is_opened_with_these_settings(silent_line: str) -> None:
+    termios = pytest.importorskip("termios")
+    line = os.open(silent_line, os.O_RDWR | os.O_NOCTTY)
+    try:
+        with connect("adxl", f"rtu://{silent_line}"):
+            assert termios.tcgetattr(line)[4:6] == [termios.B9600, termios.B9600]
+        with connect("az3", f"rtu://{silent_line}"):
+            assert termios.tcgetattr(line)[4:6] == [termios.B19200, termios.B19200]
+    finally:
+        os.close(line)
+
+
+def test_the_settings_are_those_of_the_port_alone(silent_line: str) -> None:
+    """A pseudo-terminal has no settings that an error could name."""
+    with connect("adxl", f"rtu://{silent_line}", timeout=0.01) as adxl, pytest.raises(NoAnswer) as caught:
+        adxl.read("Status")
+    assert "the port is set to" not in str(caught.value)
+
+
+def test_a_wrong_setting_of_a_description_is_named() -> None:
+    wrong = replace(load("adxl"), extra={"serial": {"parity": "even"}})
+    with pytest.raises(
+        EncodeError, match=r"parity='even', expected one of N, E, O.*\[serial\] in the description of adxl"
+    ):
+        connect(wrong, "rtu:///dev/none")

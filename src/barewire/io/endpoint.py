@@ -30,7 +30,7 @@ tls             cert, key, ca                      files; a client may leave out
                 server_name      the host          name in the certificate of the server
                 roles                              server: a file, or "any"
                 client_cert      required          server: none: it asks clients for no certificate
-rtu, ascii      baudrate         19200             bit/s
+rtu, ascii      baudrate         19200             bit/s; of a machine by name its description has the defaults
                 parity           E                 N, E or O
                 stopbits         1                 1, 1.5 or 2
                 bytesize         8                 8, for ascii also 7

@@ -6,7 +6,8 @@
     async with connect_async("az3", "can://socketcan/can0?node=5") as az3:
         await az3.read("STATUS WORD")
 
-A can:// URL means CANopen, any other one Modbus. The unit or node is that of the URL, or the device's own.
+A can:// URL means CANopen, any other one Modbus. The unit or node is that of the URL, or the device's own; so are the
+settings of a serial line. On a line that several machines share, they are those of the one that opens it.
 `machine.client` is the Modbus or CANopen client, for everything that has no name.
 """
 
@@ -30,6 +31,9 @@ if TYPE_CHECKING:
     from barewire.io.canopen.node import AsyncDeviceNode, DeviceNode
     from barewire.io.modbus.async_client import AsyncModbusClient
     from barewire.io.modbus.client import ModbusClient
+
+_SERIAL = {"baudrate": "baudrate", "data_bits": "bytesize", "parity": "parity", "stop_bits": "stopbits"}
+"""The keys of a table [serial] that set the line, and their options in a URL."""
 
 
 def connect(device: str | Path | Device, url: str, **options: Any) -> MachineClient:
@@ -63,6 +67,30 @@ def _is_canopen(device: Device, url: str) -> bool:
     return is_canopen
 
 
+def serial_settings(device: Device, url: str) -> dict[str, Any]:
+    """Return the settings of a serial line with which the device is delivered, without those that the URL names.
+
+    >>> serial_settings(described("adxl"), "rtu:///dev/ttyUSB0?baudrate=19200&stopbits=2")
+    {'bytesize': 8, 'parity': 'N'}
+    """
+    endpoint, delivered = Endpoint.parse(url), device.extra.get("serial")
+    if not endpoint.is_serial_port or not isinstance(delivered, dict):
+        return {}
+    given = {option: delivered[key] for key, option in _SERIAL.items() if key in delivered}
+    settings = {option: value for option, value in given.items() if option not in endpoint.options}
+    try:
+        Endpoint.parse(url, settings)
+    except EncodeError as error:
+        error.add_context(f"so says [serial] in the description of {device.name}")
+        raise
+    return settings
+
+
+def _with_settings(device: Device, url: str, options: dict[str, Any]) -> dict[str, Any]:
+    settings = serial_settings(device, url)
+    return options | {option: value for option, value in settings.items() if options.get(option) is None}
+
+
 class MachineClient(NamedValues):
     """A machine and its client."""
 
@@ -79,7 +107,7 @@ class MachineClient(NamedValues):
         else:
             from barewire.io.modbus.client import ModbusClient
 
-            self.client = ModbusClient(url, **options)
+            self.client = ModbusClient(url, **_with_settings(device, url, options))
             self._access = _ModbusValues(self.client, device)
 
     def __repr__(self) -> str:
@@ -141,14 +169,15 @@ class AsyncMachineClient(AsyncNamedValues):
                 raise EncodeError(
                     f"{url}: shared is {shared!r}: expected the client of a machine on the same Modbus line"
                 )
-            client = AsyncModbusClient(url, **options) if shared is None else shared
-            if shared is not None:
+            if shared is None:
+                client = AsyncModbusClient(url, **_with_settings(device, url, options))
+            else:
                 from barewire.io.modbus.carriers import unit_options
 
                 assert device.modbus is not None, "`_is_canopen` has checked it"
                 unit = endpoint.integer("unit", device.modbus.unit)
-                options_of_unit = client.bus.state.units.own[unit] = unit_options(endpoint, unit)
-                client = client.at(unit=unit, timeout=options_of_unit.timeout)
+                options_of_unit = shared.bus.state.units.own[unit] = unit_options(endpoint, unit)
+                client = shared.at(unit=unit, timeout=options_of_unit.timeout)
             self.client = client
             self._access = _AsyncModbusValues(client, device)
 

@@ -152,7 +152,7 @@ def test_a_device_whose_byte_order_was_changed() -> None:
 
 @pytest.mark.parametrize("option", [["--timing"], []])
 def test_timing_is_printed_on_stderr_if_requested(option: list[str]) -> None:
-    with simulated_at("adxl", "rtu://pty?baudrate=19200") as url:
+    with simulated_at("adxl", "rtu://pty?baudrate=19200&parity=E") as url:
         done = run_command("read", *option, f"{url}&latency=uart", "adxl", "Status")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Status")
@@ -166,6 +166,13 @@ def test_timing_is_printed_before_the_port_is_opened() -> None:
     first, second = done.stderr.splitlines()
     assert first.endswith("sends after 4.01 ms of silence (t3.5), accepts pauses up to 200 ms inside a frame")
     assert second == "barewire: /dev/nothing: no such file or directory"
+
+
+def test_timing_is_that_of_the_settings_in_the_description() -> None:
+    """9600 8N1 of the ADXL."""
+    for command in (("read", "Status"), ("write", "Event index=0")):
+        done = run_here(command[0], "rtu:///dev/nothing", "adxl", command[1], "--timing")
+        assert "sends after 3.65 ms of silence" in done.stderr
 
 
 def test_timing_is_refused_for_a_can_bus() -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 import socket
 from pathlib import Path
 
@@ -10,6 +11,7 @@ import pytest
 from barewire import CanopenClient, CanopenServer, ModbusServer
 from barewire.devices.sim import Az3, MachineUnits, simulator
 from barewire.io.fault_injection.faults import KINDS
+from barewire_workbench.cli import simulate
 from tests.helpers import PATIENCE, free_port
 from tests.workbench.cli.helpers import error_of, output_of, run_command, simulated, simulated_at
 
@@ -178,3 +180,18 @@ def test_the_device_of_an_eds(tmp_path: Path) -> None:
         assert "expected one endpoint, can://" in error_of("simulate", str(file), *endpoints, status=2)
     missing = str(tmp_path / "none.eds")
     assert "No such file" in error_of("simulate", missing, "can://socketcand/127.0.0.1:1/can0", status=2)
+
+
+def test_on_a_serial_port_the_settings_are_those_of_the_description(monkeypatch: pytest.MonkeyPatch) -> None:
+    """`read` opens its port with the same."""
+    ours, line = os.openpty()
+    machine = simulator("adxl")
+    try:
+        with simulate.machine_server(f"rtu://{os.ttyname(line)}", machine) as server:
+            assert "baudrate" not in server.url  # a pseudo-terminal has none
+        monkeypatch.setattr(simulate, "is_pseudo_terminal", lambda path: False)
+        with simulate.machine_server(f"rtu://{os.ttyname(line)}?baudrate=19200", machine) as server:
+            assert server.url.endswith("?baudrate=19200&bytesize=8&parity=N&stopbits=1")
+    finally:
+        os.close(ours)
+        os.close(line)

@@ -113,9 +113,21 @@ class ConnectionBase:
         if isinstance(error, ModbusException):
             error.add_place(unit, getattr(request, "address", None))
         elif isinstance(error, NoAnswer):
+            if self.endpoint.is_serial_port and not bus.counters.answered:
+                self._add_settings(error)
             self._log.no_answer(unit, error)
         has_failed = isinstance(error, PortError) or isinstance(error.__cause__, PortError)
         # Bytes may be lost between the port and the line. The frames of a stream without a check sum cannot be found
         # again then.
         has_gap = isinstance(bus.line, TcpLine) and not isinstance(error, self.harmless)
         return has_failed or has_gap or bus.line.broken is not None
+
+    def _add_settings(self, error: NoAnswer) -> None:
+        """Add the settings of the port to the error: as long as no unit has answered, they may be the cause."""
+        from barewire.io.ports.pty import is_pseudo_terminal
+        from barewire.io.ports.serial import SerialSettings
+
+        if not is_pseudo_terminal(self.endpoint.place):
+            error.add_context(
+                f"the port is set to {SerialSettings.of(self.endpoint)}, with which no unit has answered yet"
+            )

@@ -51,6 +51,9 @@ class SerialSettings(NamedTuple):
             float(endpoint.choice("stopbits", "1")),
         )
 
+    def __str__(self) -> str:
+        return f"{self.baudrate} {self.bytesize}{self.parity}{self.stopbits:g}"
+
     @property
     def timing(self) -> Timing:
         """The character times of these settings."""

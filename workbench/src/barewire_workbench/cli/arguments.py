@@ -199,11 +199,13 @@ def check_machine(machine: MachineClient, no_check: bool, *, before_write: bool 
         raise
 
 
-def print_timing(endpoint: str) -> None:
+def print_timing(endpoint: str, device: Device | None = None) -> None:
     """Print the times of a line on stderr, for `--timing`. Raises EncodeError for a CAN bus."""
+    from barewire.io.machine import serial_settings
     from barewire.io.modbus.carriers import modbus_endpoint, timing_in_words
 
-    note(f"{endpoint} {timing_in_words(modbus_endpoint(endpoint))}")
+    settings = serial_settings(device, endpoint) if device else {}
+    note(f"{endpoint} {timing_in_words(modbus_endpoint(endpoint, settings))}")
 
 
 def known_nodes(devices: Iterable[str], nodes: Iterable[int]) -> list[KnownNode]:

@@ -120,7 +120,7 @@ def read_command(
     if not wanted:
         raise click.UsageError(f"{device} has no such value that can be read over {endpoint.partition(':')[0]}")
     if timing:
-        print_timing(endpoint)
+        print_timing(endpoint, description)
     columns = (*COLUMNS, "configuration") if configured else COLUMNS
     table = csv.DictWriter(sys.stdout, columns, restval="", lineterminator="\n") if as_csv else None
     failed = 0
@@ -214,7 +214,7 @@ def write_command(
             raise click.UsageError(f"--verify: {parameter.name}: {why}")
         _note_unnamed(parameter, value)
     if timing:
-        print_timing(endpoint)
+        print_timing(endpoint, description)
     if dry_run:
         _show_plan(endpoint, description, wanted, output, force=force, frames=frames)
         return

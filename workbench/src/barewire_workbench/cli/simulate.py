@@ -22,6 +22,8 @@ from barewire.io.canopen.bus.port import inside_one_process
 from barewire.io.endpoint import Endpoint
 from barewire.io.engine.locking import exclusive
 from barewire.io.fault_injection.faults import LATE, Fault, faults_at, faults_on_can, parse_faults
+from barewire.io.machine import serial_settings
+from barewire.io.ports.pty import is_pseudo_terminal
 from barewire.io.server.base import ThreadedServer
 from barewire.modbus import Unit
 from barewire_workbench.cli.arguments import device_argument, duration_or_zero, endpoint_url, is_eds
@@ -303,7 +305,9 @@ def machine_server(url: str, machine: Simulator, **faults: Any) -> ThreadedServe
         return CanopenServer(url, device=machine.canopen, **faults)
     units = MachineUnits(machine, *_tcp_units(endpoint))
     _check_unit(endpoint, machine.address)
-    return ModbusServer(url, units, **faults)
+    is_real_port = os.path.exists(endpoint.place) and not is_pseudo_terminal(endpoint.place)
+    settings = serial_settings(machine.device, url) if is_real_port else {}
+    return ModbusServer(url, units, **settings, **faults)
 
 
 def _configured_machine(device: str, endpoints: Sequence[Endpoint]) -> Simulator:
