@@ -177,7 +177,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("panel", TCP, "adxl", "--port", "70000"), "70000 is not in the range 0<=x<=65535"),
     (("panel", TCP, "adxl", "--period", "0"), "0.0 is not in the range 0.05<=x<=3600"),
     # lab
-    (("lab", "11"), "'11': expected the number of a lab, 1 to 10"),
+    (("lab", "12"), "'12': expected the number of a lab, 1 to 11"),
     (("lab", "one"), "'one': expected the number of a lab"),
     (("lab", "3.9"), "lab 3 has the exercises 3.1, 3.2, 3.3, 3.4"),
     (("lab", "3", "chek"), "did you mean 'check'?"),
@@ -185,7 +185,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("lab", "3", "check", "3.2"), "no answer behind 3.2"),
     (("lab", "3", "check", "--jsno", "1"), "No such option"),
     (("lab", "3", "start"), "start is for lab 10: barewire simulate adxl rtu:///tmp/adxl"),
-    (("lab", "1", "recordings"), "recordings is for lab 10; lab 1 needs no device"),
+    (("lab", "1", "recordings"), "recordings is for labs 10 and 11; lab 1 needs no device"),
     (("lab", "10", "start"), "expected barewire lab 10 start ENDPOINT"),
     (("lab", "10", "start", TCP), "expected rtu:// without a unit"),
     *WRONG_PICTURES,

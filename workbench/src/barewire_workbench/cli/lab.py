@@ -15,10 +15,20 @@ from barewire_workbench.cli.arguments import Choice
 from barewire_workbench.cli.ending import ended_by_signals
 from barewire_workbench.cli.labs import LABS
 from barewire_workbench.cli.labs.model import Lab
-from barewire_workbench.cli.labs.repair import LIVE_FAULTS, LIVE_SEED, LIVE_UNIT, RECORDINGS, recording_text
+from barewire_workbench.cli.labs.real_line import HEAT_PUMP_FILE, HEAT_PUMP_LOG, REAL_LINE_LAB
+from barewire_workbench.cli.labs.repair import (
+    LIVE_FAULTS,
+    LIVE_SEED,
+    LIVE_UNIT,
+    RECORDINGS,
+    REPAIR_LAB,
+    recording_text,
+)
 from barewire_workbench.cli.output import Output, output_option, port_error
 
 _WIDTH = 100
+_RECORDED = (REPAIR_LAB, REAL_LINE_LAB)
+"""The labs with recordings."""
 
 
 def _lab_number(value: str) -> str:
@@ -46,7 +56,7 @@ def _numbers(lab: Lab) -> str:
 def lab_command(number: str | None, action: str | None, words: tuple[str, ...], output: Output) -> int:
     """Show the labs of the course, and check answers to their exercises.
 
-    The course, in docs/tutorial, goes from one byte to a moving motor in ten labs. Without N, the labs are listed;
+    The course, in docs/tutorial, goes from one byte to a moving motor in eleven labs. Without N, the labs are listed;
     `lab N` shows the goal and the exercises of one.
 
     `check` takes the number of an exercise and an answer. Without that number, the answer is tried on every exercise of
@@ -72,21 +82,24 @@ def lab_command(number: str | None, action: str | None, words: tuple[str, ...], 
         output.show(_text_of(lab), lab.as_dict)
     elif action == "check":
         return _check(lab, words, output)
-    elif lab.number != len(LABS):
-        commands = f": {'; '.join(lab.devices)}" if lab.devices else f"; lab {lab.number} needs no device"
-        raise click.UsageError(f"{action} is for lab {len(LABS)}{commands}")
-    elif action == "recordings":
-        _write_recordings(output)
-    else:
+    elif action == "recordings" and lab in _RECORDED:
+        _write_recordings(lab, output)
+    elif action == "start" and lab is REPAIR_LAB:
         _start(words)
+    else:
+        commands = f": {'; '.join(lab.devices)}" if lab.devices else f"; lab {lab.number} needs no device"
+        labs = (
+            f"lab {REPAIR_LAB.number}" if action == "start" else f"labs {_RECORDED[0].number} and {_RECORDED[1].number}"
+        )
+        raise click.UsageError(f"{action} is for {labs}{commands}")
     return 0
 
 
 def _list(output: Output) -> None:
     for lab in LABS.values():
         output.show(f"{lab.number:>2}  {lab.title:<36}  {lab.minutes} min  docs/tutorial/{lab.page}", lab.as_dict)
-    hours = sum(lab.minutes for lab in LABS.values()) // 60
-    output.text(f"{hours} hours in all; `barewire lab 1` shows the first one")
+    hours, minutes = divmod(sum(lab.minutes for lab in LABS.values()), 60)
+    output.text(f"{hours} h {minutes} min in all; `barewire lab 1` shows the first one")
 
 
 def _text_of(lab: Lab) -> str:
@@ -123,15 +136,22 @@ def _check(lab: Lab, words: tuple[str, ...], output: Output) -> int:
     return 1
 
 
-def _write_recordings(output: Output) -> None:
-    for recording in RECORDINGS:
-        path, text = Path(recording.name), recording_text(recording)
+def _recordings(lab: Lab) -> dict[str, str]:
+    """Return the recordings of a lab by the names of their files."""
+    if lab is REAL_LINE_LAB:
+        return {HEAT_PUMP_FILE: HEAT_PUMP_LOG}
+    return {recording.name: recording_text(recording) for recording in RECORDINGS}
+
+
+def _write_recordings(lab: Lab, output: Output) -> None:
+    for name, text in _recordings(lab).items():
+        path = Path(name)
         with port_error(path):
             if path.exists() and path.read_bytes() != text.encode():
                 raise EncodeError(f"{path}: there is another file of this name, which would be overwritten")
             path.write_text(text, "utf-8", newline="\n")
         count = text.count("\n") - 1
-        output.show(f"wrote {path}: {count} pieces of bytes with their times", {"wrote": str(path), "lines": count})
+        output.show(f"wrote {path}: {count} lines", {"wrote": str(path), "lines": count})
 
 
 def _start(words: tuple[str, ...]) -> None:
@@ -141,7 +161,7 @@ def _start(words: tuple[str, ...]) -> None:
     from barewire_workbench.cli.simulate import machine_server
 
     if len(words) != 1:
-        raise click.UsageError(f"expected barewire lab {len(LABS)} start ENDPOINT, such as rtu:///tmp/line")
+        raise click.UsageError(f"expected barewire lab {REPAIR_LAB.number} start ENDPOINT, such as rtu:///tmp/line")
     endpoint = Endpoint.parse(words[0])
     if endpoint.scheme != "rtu" or "unit" in endpoint.options:
         raise EncodeError(f"{shown(words[0], 200)}: expected rtu:// without a unit: to find it out is part of the lab")

@@ -109,6 +109,7 @@ _STATUS_OBJECT, _VELOCITY_OBJECT, _VELOCITY = 0x6041, 0x60FF, 1500
     f"Three nodes begin at the same moment, with the identifiers {', '.join(f'{id:03X}' for id in _AT_ONCE)}. "
     "Whose frame goes through?",
     "one of the identifiers",
+    "185",
 )
 def _arbitration(answer: str) -> AnswerCheck:
     given, winner = hex_number(answer), min(_AT_ONCE)
@@ -125,6 +126,7 @@ def _arbitration(answer: str) -> AnswerCheck:
 @SDO_LAB.ask(
     f"Which levels does a bus show for the start bit and the identifier {_STUFFED.id:03X}h, stuff bits included?",
     "bits in the order of time",
+    "0000010001111",
 )
 def _stuffing(answer: str) -> AnswerCheck:
     given = typed_bits(answer)
@@ -144,7 +146,7 @@ def _stuffing(answer: str) -> AnswerCheck:
     return wrong(f"the first {same} levels are right; count equal bits from the start bit on, a stuff bit counts too")
 
 
-@SDO_LAB.ask(f"Which COB-ID has the SDO answer of node {_OTHER_NODE}?", "three hexadecimal digits")
+@SDO_LAB.ask(f"Which COB-ID has the SDO answer of node {_OTHER_NODE}?", "three hexadecimal digits", "58A")
 def _answer_id(answer: str) -> AnswerCheck:
     given, expected = hex_number(answer), cob_id("SDO answer", _OTHER_NODE)
     service, node = (classify(CanFrame(given)) if given <= 0x7FF else None) or (None, None)
@@ -161,6 +163,7 @@ def _answer_id(answer: str) -> AnswerCheck:
 @SDO_LAB.ask(
     f"Which frame reads the status word, object {_STATUS_OBJECT:04X}h:00, of node {_NODE}?",
     "a CAN frame such as 601#0011223344556677",
+    "605#4041600000000000",
 )
 def _upload(answer: str) -> AnswerCheck:
     frame = _typed_sdo_request(answer)
@@ -175,7 +178,7 @@ def _upload(answer: str) -> AnswerCheck:
     return right(_answered_text(frame))
 
 
-@SDO_LAB.ask("Send it. Which number is the status word?", "a number, hexadecimal with h")
+@SDO_LAB.ask("Send it. Which number is the status word?", "a number, hexadecimal with h", "1270h")
 def _uploaded(answer: str) -> AnswerCheck:
     (frame,) = can_answers(CanFrame(0x600 + _NODE, InitiateUpload(_STATUS_OBJECT, 0).encode()))
     data = frame.data[4:6]
@@ -195,6 +198,7 @@ def _uploaded(answer: str) -> AnswerCheck:
     f"Which frame writes {_VELOCITY} into the target velocity, object {_VELOCITY_OBJECT:04X}h:00, type i32, "
     f"of node {_NODE}?",
     "a CAN frame",
+    "605#23FF6000DC050000",
 )
 def _download(answer: str) -> AnswerCheck:
     frame = _typed_sdo_request(answer)
@@ -226,7 +230,7 @@ _TPDO2 = CanFrame(cob_id("TPDO2", _NODE), bytes.fromhex("3706") + _POSITION_BYTE
 _ENABLE = 0x000F
 
 
-@NMT_LAB.ask(f"Which frame stops node {_NODE}?", "a CAN frame")
+@NMT_LAB.ask(f"Which frame stops node {_NODE}?", "a CAN frame", "000#0205")
 def _stop(answer: str) -> AnswerCheck:
     frame = _typed_frame(answer)
     try:
@@ -240,7 +244,7 @@ def _stop(answer: str) -> AnswerCheck:
     return right(explain_can(frame).summary + (": every node on the bus" if not message.node else ""))
 
 
-@NMT_LAB.ask(f"Node {_NODE} sends {_HEARTBEAT}. In which state is it?", "the name of a state")
+@NMT_LAB.ask(f"Node {_NODE} sends {_HEARTBEAT}. In which state is it?", "the name of a state", "stopped")
 def _node_state(answer: str) -> AnswerCheck:
     states = {state.name.lower().replace("_", " "): state for state in NmtState}
     typed = typed_name(answer, states)
@@ -253,6 +257,7 @@ def _node_state(answer: str) -> AnswerCheck:
     f"Which frame makes node {_NODE} send a heartbeat every {_MILLISECONDS} ms? "
     f"(object {_HEARTBEAT_TIME:04X}h:00, u16, in ms)",
     "a CAN frame",
+    "605#2B171000F4010000",
 )
 def _heartbeat_time(answer: str) -> AnswerCheck:
     other = f"this is {{said}}; the task asks to write {_HEARTBEAT_TIME:04X}h:00"
@@ -264,6 +269,7 @@ def _heartbeat_time(answer: str) -> AnswerCheck:
     "TPDO2 of the drive has the status word, u16, the position, i32, and the error register, u16. "
     f"It sends {_TPDO2}. Where is the motor?",
     "a position, in steps",
+    "-2500",
 )
 def _position(answer: str) -> AnswerCheck:
     unsigned, digits = _POSITION & 0xFFFFFFFF, in_hex(_POSITION_BYTES)
@@ -281,6 +287,7 @@ def _position(answer: str) -> AnswerCheck:
     "RPDO1 has the control word, u16, and the target velocity, i32. "
     f"Which frame gives node {_NODE} control word {_ENABLE:04X}h and {_VELOCITY}?",
     "a CAN frame",
+    "205#0F00DC050000",
 )
 def _rpdo(answer: str) -> AnswerCheck:
     frame = _typed_frame(answer)
@@ -321,7 +328,9 @@ def _command_name(word: int) -> str:
     return "no command" if command is None else command.name.lower().replace("_", " ")
 
 
-@DRIVE_LAB.ask(f"The status word of a drive is {_STATUS:04X}h. In which state is it?", "the name of a state")
+@DRIVE_LAB.ask(
+    f"The status word of a drive is {_STATUS:04X}h. In which state is it?", "the name of a state", "switched on"
+)
 def _drive_state(answer: str) -> AnswerCheck:
     states = {state.value: state for state in State}
     typed = typed_name(answer, states)
@@ -333,7 +342,7 @@ def _drive_state(answer: str) -> AnswerCheck:
     )
 
 
-@DRIVE_LAB.ask("A drive is switched on. Which control word enables it?", "a word in hexadecimal")
+@DRIVE_LAB.ask("A drive is switched on. Which control word enables it?", "a word in hexadecimal", "000F")
 def _enabling(answer: str) -> AnswerCheck:
     # Words of 16 bits are usually written in hexadecimal; 15 and 31 in decimal give the same state as 0Fh and 1Fh.
     reached: list[str] = []
@@ -355,6 +364,7 @@ def _shut_down(word: int) -> AnswerCheck:
     f"Which RTU frame writes the control word, holding register {_control_address()} of unit 1, "
     "so that a drive in switch on disabled becomes ready to switch on?",
     "the bytes of a request; the CRC may be left out",
+    "01 06 00 9A 00 06",
 )
 def _by_modbus(answer: str) -> AnswerCheck:
     frame = typed_request(answer)
@@ -366,7 +376,9 @@ def _by_modbus(answer: str) -> AnswerCheck:
     return wrong(f"{explain('rtu', frame, 'request').summary}; to write one register there is function 06")
 
 
-@DRIVE_LAB.ask("Which CAN frame does the same with object 6040h:00, u16, of node 5?", "a CAN frame")
+@DRIVE_LAB.ask(
+    "Which CAN frame does the same with object 6040h:00, u16, of node 5?", "a CAN frame", "605#2B40600006000000"
+)
 def _by_canopen(answer: str) -> AnswerCheck:
     other = "{answered}; the task asks to write, and the control word is object 6040h:00"
     return _shut_down(int.from_bytes(_typed_write(answer, "u16", 2, 0x6040, other), "little"))
@@ -375,6 +387,7 @@ def _by_canopen(answer: str) -> AnswerCheck:
 @DRIVE_LAB.ask(
     f"Move the motor to position {_TARGET} and leave the drive enabled. At which URL is it?",
     "the URL of the drive, rtu:// or can://",
+    "rtu:///tmp/az3",
 )
 def _moved(answer: str) -> AnswerCheck:
     try:

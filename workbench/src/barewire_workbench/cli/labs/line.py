@@ -48,7 +48,7 @@ _RATE = 9600
 _DRAWN, _SHOWN, _MISREAD = 0x4D, 0x53, 0x01
 
 
-@BITS_LAB.ask(f"How long is one bit at {_RATE} baud, in microseconds?", "a time, such as 52 us")
+@BITS_LAB.ask(f"How long is one bit at {_RATE} baud, in microseconds?", "a time, such as 52 us", "104.2 us")
 def _bit_time(answer: str) -> AnswerCheck:
     given, bit = typed_seconds(answer, "us"), 1 / _RATE
     rate = f"{1 / given:.0f}" if given > 0 else "endlessly many"
@@ -65,6 +65,7 @@ def _bit_time(answer: str) -> AnswerCheck:
 @BITS_LAB.ask(
     f"Which levels has the letter {chr(_DRAWN)}, {_DRAWN:02X}h, on a line with 8N1, from the first one on?",
     f"{_8N1.bits} bits in the order of time",
+    "0101100101",
 )
 def _draw(answer: str) -> AnswerCheck:
     given, expected = typed_bits(answer), list(character_levels(_DRAWN, _8N1))
@@ -82,7 +83,7 @@ def _draw(answer: str) -> AnswerCheck:
     return wrong(f"a receiver reads these levels as {byte:02X}h = {byte:08b}b; {_DRAWN:02X}h is {_DRAWN:08b}b")
 
 
-@BITS_LAB.ask(f"A line with 8N1 shows {_levels(_SHOWN)}. Which byte is it?", "a byte in hexadecimal, such as 4D")
+@BITS_LAB.ask(f"A line with 8N1 shows {_levels(_SHOWN)}. Which byte is it?", "a byte in hexadecimal, such as 4D", "53")
 def _read(answer: str) -> AnswerCheck:
     text = answer.strip()
     given = ord(text) if len(text) == 1 and text.isalpha() else hex_number(text)
@@ -97,7 +98,7 @@ def _read(answer: str) -> AnswerCheck:
     return wrong(f"the levels of {given:02X}h would be {_levels(given)}")
 
 
-@BITS_LAB.ask(f"How many bytes can a line with {_RATE} 8N1 carry in a second?", "a number")
+@BITS_LAB.ask(f"How many bytes can a line with {_RATE} 8N1 carry in a second?", "a number", "960")
 def _throughput(answer: str) -> AnswerCheck:
     given, expected = typed_number(answer, "bytes/s", "bytes", "B/s"), _RATE / _8N1.bits
     return {
@@ -110,6 +111,7 @@ def _throughput(answer: str) -> AnswerCheck:
     f"A device sends {_MISREAD:02X}h with {_RATE} 8N1; a receiver is set to {2 * _RATE} 8N1. "
     "Which byte does it read first?",
     "a byte in hexadecimal",
+    "06",
 )
 def _misread(answer: str) -> AnswerCheck:
     given, expected = hex_number(answer), UartLine(_8N1, ReceiverFault(faster=2)).read(bytes([_MISREAD]))[0]
@@ -145,7 +147,7 @@ def _ones_text(ones: int) -> str:
 
 
 @PARITY_LAB.ask(
-    f"Which parity bits have the bytes {in_hex(bytes(_BYTES))} with 8E1?", "4 bits in the order of the bytes"
+    f"Which parity bits have the bytes {in_hex(bytes(_BYTES))} with 8E1?", "4 bits in the order of the bytes", "1101"
 )
 def _parity_bits(answer: str) -> AnswerCheck:
     given, expected = typed_bits(answer), [character_levels(byte, _8E1)[-2] for byte in _BYTES]
@@ -168,6 +170,7 @@ def _parity_bits(answer: str) -> AnswerCheck:
     + ";  ".join(f"({place}) {''.join(map(str, levels))}" for place, levels in enumerate(_received(), 1))
     + ". Which one was damaged?",
     "its number, 1 to 4",
+    "3",
 )
 def _damaged_character(answer: str) -> AnswerCheck:
     given, received = int(typed_number(answer)), _received()
@@ -184,7 +187,9 @@ def _damaged_character(answer: str) -> AnswerCheck:
     )
 
 
-@PARITY_LAB.ask(f"How long is a character at {_PARITY_RATE} 8E1, in milliseconds?", "a time, such as 1.04 ms")
+@PARITY_LAB.ask(
+    f"How long is a character at {_PARITY_RATE} 8E1, in milliseconds?", "a time, such as 1.04 ms", "0.573 ms"
+)
 def _character_time(answer: str) -> AnswerCheck:
     given, expected = typed_seconds(answer, "ms"), Timing.of(_PARITY_RATE, _8E1.bits).character
     checks = {expected: right(f"{_8E1.bits} bits / {_PARITY_RATE} bit/s = {1e3 * expected:.3f} ms")}
@@ -199,6 +204,7 @@ def _character_time(answer: str) -> AnswerCheck:
 @PARITY_LAB.ask(
     f"{_FOOLED:02X}h was sent with 8E1. Name a byte that can arrive in its place without a parity error.",
     "a byte in hexadecimal",
+    "00",
 )
 def _undetected(answer: str) -> AnswerCheck:
     given = hex_number(answer)
@@ -219,6 +225,7 @@ def _undetected(answer: str) -> AnswerCheck:
     f"A device sends the letter {chr(_LETTER)}, {_LETTER:02X}h, with 7E1; the receiver is set to 8N1. "
     "Which byte does it read?",
     "a byte in hexadecimal",
+    "C3",
 )
 def _seven_bits(answer: str) -> AnswerCheck:
     given = hex_number(answer)
@@ -267,7 +274,7 @@ def _shifted_crc(data: bytes, value: int, polynomial: int = 0xA001) -> int:
     return value
 
 
-@CRC_LAB.ask(f"Which CRC follows the bytes {in_hex(_DATA)} on the wire?", "two bytes in the order of the wire")
+@CRC_LAB.ask(f"Which CRC follows the bytes {in_hex(_DATA)} on the wire?", "two bytes in the order of the wire", "82 E7")
 def _crc(answer: str) -> AnswerCheck:
     given, expected = typed_octets(answer), crc16(_DATA).to_bytes(2, "little")
     if given in (expected, _DATA + expected):
@@ -294,7 +301,9 @@ def _crc(answer: str) -> AnswerCheck:
 
 
 @CRC_LAB.ask(
-    f"One bit of this frame was flipped on its way: {in_hex(_DAMAGED)}. Which frame was sent?", f"{len(_DAMAGED)} bytes"
+    f"One bit of this frame was flipped on its way: {in_hex(_DAMAGED)}. Which frame was sent?",
+    f"{len(_DAMAGED)} bytes",
+    "01 04 0F B1 00 02 22 F8",
 )
 def _repair(answer: str) -> AnswerCheck:
     given = typed_octets(answer)
@@ -328,14 +337,15 @@ def _silence(rate: int, answer: str) -> AnswerCheck:
     )
 
 
-CRC_LAB.add(f"How long is t3.5 at {_SLOW} 8E1?", "a time in ms", partial(_silence, _SLOW))
-CRC_LAB.add(f"And at {_FAST} 8E1?", "a time in ms", partial(_silence, _FAST))
+CRC_LAB.add(f"How long is t3.5 at {_SLOW} 8E1?", "a time in ms", "4.01 ms", partial(_silence, _SLOW))
+CRC_LAB.add(f"And at {_FAST} 8E1?", "a time in ms", "1.75 ms", partial(_silence, _FAST))
 
 
 @CRC_LAB.ask(
     f"At 19200 8E1 a recording shows pauses of {', '.join(f'{1e3 * pause:g}' for pause in _PAUSES)} ms. "
     "Which one ends a frame, and which one breaks it?",
     "two times: the one that ends it, the one that breaks it",
+    "2.5 1.2",
 )
 def _pauses(answer: str) -> AnswerCheck:
     given = [typed_seconds(word, "ms") for word in typed_words(answer) if word.lower() not in ("ms", "and")]

@@ -95,6 +95,7 @@ def _place() -> ModbusAt:
 @REGISTER_LAB.ask(
     f"Which bytes ask unit 1 for its {_NAME}, input registers {_place().address} and {_place().address + 1}?",
     "the bytes of the request in hexadecimal; the CRC may be left out",
+    "01 04 0F B1 00 02",
 )
 def _request(answer: str) -> AnswerCheck:
     frame = typed_request(answer)
@@ -112,7 +113,7 @@ def _request(answer: str) -> AnswerCheck:
     return right(text) if response[1:2] == frame[1:2] else wrong(text)
 
 
-@REGISTER_LAB.ask("Send them. How warm are the thyristors?", "a temperature in \u00b0C")
+@REGISTER_LAB.ask("Send them. How warm are the thyristors?", "a temperature in \u00b0C", "24.5")
 def _temperature(answer: str) -> AnswerCheck:
     given, parameter, place = typed_number(answer, "\u00b0C", "C", "degrees"), load("adxl").find(_NAME), _place()
     response = decode(rtu_answer(encode(1, ReadInputRegisters(place.address, place.words).encode())))
@@ -129,7 +130,9 @@ def _temperature(answer: str) -> AnswerCheck:
     )
 
 
-@REGISTER_LAB.ask("Which request gets exception 02, illegal data address, from unit 1?", "the bytes of a request")
+@REGISTER_LAB.ask(
+    "Which request gets exception 02, illegal data address, from unit 1?", "the bytes of a request", "01 04 FF FF 00 02"
+)
 def _exception(answer: str) -> AnswerCheck:
     response = rtu_answer(typed_request(answer))
     if not response:
@@ -138,7 +141,9 @@ def _exception(answer: str) -> AnswerCheck:
     return right(text) if response[1] & 0x80 and response[2] == 2 else wrong(text)
 
 
-@REGISTER_LAB.ask("Which bytes get no answer at all from unit 1?", "the bytes of a frame, with its CRC")
+@REGISTER_LAB.ask(
+    "Which bytes get no answer at all from unit 1?", "the bytes of a frame, with its CRC", "02 04 0F B1 00 02 22 CB"
+)
 def _unanswered(answer: str) -> AnswerCheck:
     frame = typed_octets(answer)
     if response := rtu_answer(frame):
@@ -170,7 +175,7 @@ _STREAM = [
 ]
 
 
-@ENVELOPES_LAB.ask(f"Which LRC follows the bytes {in_hex(_READ_BYTES)}?", "a byte in hexadecimal")
+@ENVELOPES_LAB.ask(f"Which LRC follows the bytes {in_hex(_READ_BYTES)}?", "a byte in hexadecimal", "39")
 def _lrc(answer: str) -> AnswerCheck:
     given, expected, total = hex_number(answer), lrc(_READ_BYTES), sum(_READ_BYTES)
     added_up = f"the bytes add up to {total:X}h; {total & 0xFF:02X}h + {expected:02X}h = 100h, of which a byte keeps 00"
@@ -186,6 +191,7 @@ def _lrc(answer: str) -> AnswerCheck:
 @ENVELOPES_LAB.ask(
     f"In RTU a frame is {in_hex(bytes([_UNIT]) + _WRITE)} and a CRC. Write it as an ASCII frame.",
     f"{len(encode_ascii(_UNIT, _WRITE)) - 2} characters; CR LF may be left out",
+    ":01060007002AC8",
 )
 def _ascii(answer: str) -> AnswerCheck:
     typed = checked_length(answer).replace(" ", "")
@@ -211,6 +217,7 @@ def _ascii(answer: str) -> AnswerCheck:
 @ENVELOPES_LAB.ask(
     f"Ask unit {_UNIT} over TCP for the same as {in_hex(_READ_BYTES)}, as transaction {_TRANSACTION}.",
     "the bytes of the frame, header included",
+    "00 07 00 00 00 06 01 04 0F B1 00 02",
 )
 def _tcp(answer: str) -> AnswerCheck:
     data = typed_octets(answer)
@@ -231,6 +238,7 @@ def _tcp(answer: str) -> AnswerCheck:
     f"A client receives these bytes at once: {in_hex(b''.join(_STREAM))}. "
     "Which transaction was answered with an exception?",
     "a transaction number",
+    "8",
 )
 def _stream(answer: str) -> AnswerCheck:
     given = any_number(answer)
@@ -261,7 +269,7 @@ _ORDER: Order = "CDAB"
 _MIXED_ORDERS = [order for order in ORDERS if order != "ABCD"]
 
 
-@VALUES_LAB.ask(f"A register holds {in_hex(_SIGNED)}, type i16. Which number is it?", "a number")
+@VALUES_LAB.ask(f"A register holds {in_hex(_SIGNED)}, type i16. Which number is it?", "a number", "-200")
 def _i16(answer: str) -> AnswerCheck:
     given, signed, unsigned = typed_number(answer), codec("i16").decode(_SIGNED), codec("u16").decode(_SIGNED)
     return {
@@ -274,6 +282,7 @@ def _i16(answer: str) -> AnswerCheck:
     f"Registers 10 and 11 hold {_COUNTER >> 16} and {_COUNTER & 0xFFFF}, type u32, the high half first. "
     "Which number is it?",
     "a number",
+    "100000",
 )
 def _u32(answer: str) -> AnswerCheck:
     data = codec("u32").encode(_COUNTER)
@@ -291,6 +300,7 @@ def _u32(answer: str) -> AnswerCheck:
     f"Two registers with a room temperature, type f32, hold {in_hex(codec('f32', _ORDER).encode(_FLOAT))}. "
     "Which order has the device?",
     f"one of {', '.join(ORDERS)}",
+    "CDAB",
 )
 def _word_order(answer: str) -> AnswerCheck:
     typed, registers = answer.strip().upper(), codec("f32", _ORDER).encode(_FLOAT)
@@ -303,7 +313,7 @@ def _word_order(answer: str) -> AnswerCheck:
     return wrong(f"in order {typed} these registers are {value:.6g}, hardly a temperature")
 
 
-@VALUES_LAB.ask("Which two registers hold -1.5 as f32 in order ABCD?", "four bytes in hexadecimal")
+@VALUES_LAB.ask("Which two registers hold -1.5 as f32 in order ABCD?", "four bytes in hexadecimal", "BF C0 00 00")
 def _to_registers(answer: str) -> AnswerCheck:
     data = typed_octets(answer)
     if len(data) != 4:
@@ -320,6 +330,7 @@ def _to_registers(answer: str) -> AnswerCheck:
 @VALUES_LAB.ask(
     f"A manual prints holding register {_PRINTED}. Which address goes into the request?",
     "a number, decimal or hexadecimal with h",
+    "107",
 )
 def _address(answer: str) -> AnswerCheck:
     number = _PRINTED - 40000

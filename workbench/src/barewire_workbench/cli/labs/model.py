@@ -58,11 +58,15 @@ def check_of_meaning(meanings: set[int], checks: Mapping[int, AnswerCheck], othe
 
 
 class LabExercise(NamedTuple):
-    """One exercise: its number, the task, the form of the answer, and the function that checks it."""
+    """One exercise: its number, the task, the form of the answer, a right answer, and the function that checks one.
+
+    The solution is for the page of the solutions; the command `lab` does not show it.
+    """
 
     number: str
     task: str
     form: str
+    solution: str
     check: Callable[[str], AnswerCheck]
 
     def __repr__(self) -> str:
@@ -103,15 +107,17 @@ class Lab:
     def __repr__(self) -> str:
         return f"<Lab {self.number}: {self.title}>"
 
-    def add(self, task: str, form: str, check: Callable[[str], AnswerCheck]) -> None:
+    def add(self, task: str, form: str, solution: str, check: Callable[[str], AnswerCheck]) -> None:
         """Add the next exercise."""
-        self.exercises.append(LabExercise(f"{self.number}.{len(self.exercises) + 1}", task, form, check))
+        self.exercises.append(LabExercise(f"{self.number}.{len(self.exercises) + 1}", task, form, solution, check))
 
-    def ask(self, task: str, form: str) -> Callable[[Callable[[str], AnswerCheck]], Callable[[str], AnswerCheck]]:
+    def ask(
+        self, task: str, form: str, solution: str
+    ) -> Callable[[Callable[[str], AnswerCheck]], Callable[[str], AnswerCheck]]:
         """Make an exercise of the function below that checks its answers."""
 
         def decorate(check: Callable[[str], AnswerCheck]) -> Callable[[str], AnswerCheck]:
-            self.add(task, form, check)
+            self.add(task, form, solution, check)
             return check
 
         return decorate

@@ -116,12 +116,12 @@ def _fault(recording: Recording, answer: str) -> AnswerCheck:
 
 _FLIPPED, _LATE, _OTHER_RATE = RECORDINGS
 REPAIR_LAB.add(
-    f"What happens to the answers in {_FLIPPED.name}?", f"one of {', '.join(KINDS)}", partial(_fault, _FLIPPED)
+    f"What happens to the answers in {_FLIPPED.name}?", f"one of {', '.join(KINDS)}", "flip", partial(_fault, _FLIPPED)
 )
-REPAIR_LAB.add(f"And in {_LATE.name}?", "one of the same words", partial(_fault, _LATE))
+REPAIR_LAB.add(f"And in {_LATE.name}?", "one of the same words", "late", partial(_fault, _LATE))
 
 
-@REPAIR_LAB.ask(f"{_OTHER_RATE.name} was recorded at 19200 baud. Which baud rate has the line?", "a baud rate")
+@REPAIR_LAB.ask(f"{_OTHER_RATE.name} was recorded at 19200 baud. Which baud rate has the line?", "a baud rate", "9600")
 def _rate(answer: str) -> AnswerCheck:
     rate = _OTHER_RATE.rate
     hint = "explain the first line of the recording: at which rate do the same levels make a frame with a good CRC?"
@@ -139,6 +139,7 @@ def _rate(answer: str) -> AnswerCheck:
     "`barewire lab 10 start rtu:///tmp/line` is a line with a soft starter, adxl, at a unit between 10 and 20. "
     f"With which URL is its {_NAME} read {_READINGS} times in a row?",
     "a URL, rtu:// with options",
+    "rtu:///tmp/line?unit=17&timeout=3&retries=3",
 )
 def _repaired(answer: str) -> AnswerCheck:
     try:
