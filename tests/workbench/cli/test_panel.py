@@ -155,6 +155,17 @@ def test_only_what_somebody_looks_at_is_polled_and_once_for_all() -> None:
     assert machine.asked == []
 
 
+def test_what_a_reading_changes_is_not_polled_and_says_so() -> None:
+    machine = Machine()
+    machine.device = load("adxl")
+    line = PanelLine(machine.device, "rtu:///dev/x", check=False, connect=machine, clock=VirtualClock())
+    with line.look_at(names := ["Status", "Event description"]):
+        line.turn()
+    assert machine.asked == [("Status",), ("Status",)]
+    values = line.changes_since(0, names)["values"]
+    assert values["Event description"] == (None, "", "not polled: each reading moves the event index on")
+
+
 def test_a_slow_line_is_used_at_most_half_of_the_time() -> None:
     clock = VirtualClock()
 

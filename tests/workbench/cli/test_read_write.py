@@ -16,6 +16,7 @@ from typing import Any
 import pytest
 
 from barewire import ModbusServer, Table
+from barewire.devices.sim import simulator
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import WriteSingleRegister, WriteSingleRegisterResponse
 from barewire.modbus.messages.base import Response
@@ -325,6 +326,20 @@ def test_all_values_of_a_machine_in_each_form() -> None:
     assert len(rows) == len(lines) + 1
     assert "Profile Velocity" in {json.loads(line)["name"] for line in objects}
     assert settings[0].startswith("Homing Method = ")
+
+
+def test_what_a_reading_changes_is_read_by_its_name_only() -> None:
+    """Then `--all` of a whole machine ends with status 0. The text of an event moves the index to the next one."""
+    with ModbusServer("tcp://127.0.0.1:0", {1: simulator("adxl").modbus}) as server:
+        done = run_here("read", f"{server.url}?timeout=30", "adxl", "--all")
+        assert (done.returncode, done.stderr.count("\n")) == (0, 1)
+        assert "Event description =" not in done.stdout
+        assert "Events counter =" in done.stdout
+        for text in ("'Parameter value' (it is that of the menu", "'Event description' (each reading moves"):
+            assert text in done.stderr
+        assert "Event description = " in output_of(
+            "read", f"{server.url}?timeout=30", "adxl", "event*", "Event description"
+        )
 
 
 def test_a_refused_register_of_a_range_costs_only_itself() -> None:

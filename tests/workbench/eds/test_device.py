@@ -9,7 +9,7 @@ from barewire.canopen.eds import EdsItem, EdsObject, Formula
 from barewire.canopen.eds.objects import ARRAY, DOMAIN, RECORD, VAR
 from barewire.devices import UnknownName
 from barewire.errors import BarewireError
-from barewire_workbench.eds.device import device_of_eds, read_alone, wanted_values
+from barewire_workbench.eds.device import device_of_eds, wanted_values
 from tests.canopen.eds.field_files import ODDITIES
 
 
@@ -57,7 +57,10 @@ def test_names_types_and_access() -> None:
 
 def test_what_is_read_alone_and_what_the_device_must_say() -> None:
     device = device_of_eds(plant(), "pump.eds", 5)
-    assert read_alone(device) == ("Program", "Secret")
+    assert device.extra["read_alone"] == {
+        "Program": "a domain may be long",
+        "Secret": "its ObjFlags want no scan to read it",
+    }
     assert device.extra["identity"] == {"device_type": 0x20192, "vendor": 0x36C, "product": 7}  # the object wins
     assert wanted_values(device) == {}
     assert device_of_eds(eds.compose([]), "empty.eds", 1).extra["identity"] == {}

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
+from dataclasses import replace
 from typing import Any
 
 import pytest
@@ -10,10 +11,10 @@ import pytest
 from barewire import ModbusServer, connect, load
 from barewire.devices import Reading, UnknownName
 from barewire.devices.sim import simulator
-from barewire.errors import NoAnswer
+from barewire.errors import EncodeError, NoAnswer
 from barewire.modbus import AnyUnit
 from barewire.modbus.exceptions import ModbusException
-from barewire_workbench.live.read_values import ReadValue, read_values, readable_names, selected
+from barewire_workbench.live.read_values import ReadValue, read_alone, read_values, readable_names, selected
 
 NAMES = [row.name for row in load("csd-mt").parameters if row.readable][:100]
 
@@ -91,6 +92,12 @@ def test_a_fifth_of_the_answers_lost_or_damaged_changes_no_value(name: str) -> N
     assert [value.parameter.name for value in values] == names
     assert all(value.reading in (None, right[value.parameter.name]) for value in values)
     assert any(value.reading is not None for value in values)
+
+
+def test_a_wrong_table_of_what_is_read_alone() -> None:
+    for table, error in ((["Status"], EncodeError), ({"Status": 1}, EncodeError), ({"Statsu": "why"}, UnknownName)):
+        with pytest.raises(error, match=r"\[read_alone\]|Statsu"):
+            read_alone(replace(load("adxl"), extra={"read_alone": table}))
 
 
 def test_names_groups_and_access() -> None:

@@ -37,11 +37,12 @@ from barewire_workbench.cli.output import Output, note, output_option
 from barewire_workbench.cli.raw_address import device_with, expanded, is_raw_address, printed_number_hint, wire_address
 from barewire_workbench.cli.shown_frames import ShownFrames, frames_option, frames_shown, is_verbose
 from barewire_workbench.cli.value_text import parse_value
-from barewire_workbench.eds.device import read_alone, wanted_values
+from barewire_workbench.eds.device import wanted_values
 from barewire_workbench.live.read_values import (
     COLUMNS,
     ReadValue,
     is_pattern,
+    read_alone,
     read_values,
     readable_names,
     selected,
@@ -94,6 +95,8 @@ def read_command(
     holding:0. DEVICE `raw` is any device, by addresses only. A NAME with * or ? in it is each value that has such a
     name.
 
+    --all, --group and a NAME with * leave out what a reading changes, or what may be long; its own name reads it.
+
     Of several values, one that the device refuses, or does not answer, costs only itself: its line says why, the
     others are read, and the exit status is 1.
 
@@ -113,10 +116,16 @@ def read_command(
     names = expanded(names, described)
     description = device_with(described, [name for name in names if not is_pattern(name)])
     apart = read_alone(description)
-    readable = [name for name in readable_names(description, endpoint) if name not in apart]
+    readable = readable_names(description, endpoint)
     configured = wanted_values(description)
     # An unknown name is reported before a port is opened.
     wanted = selected(description, readable, names, groups=groups, access=access)
+    by_name = {description.find(name).name for name in names if not is_pattern(name)}
+    left_out = [name for name in wanted if name in apart and name not in by_name]
+    wanted = [name for name in wanted if name not in left_out]
+    if left_out:
+        reasons = ", ".join(f"{shown(name)} ({apart[name]})" for name in left_out)
+        note(f"left out, each is read by its name: {reasons}")
     if not wanted:
         raise click.UsageError(f"{device} has no such value that can be read over {endpoint.partition(':')[0]}")
     if timing:

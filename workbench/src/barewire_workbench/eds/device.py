@@ -34,7 +34,6 @@ _TYPES = {"string": "text", "unicode": "text"}
 """The type of a value for types of objects whose name is another one."""
 _KINDS: Mapping[str, ParameterKind] = {"ro": "measurement", "wo": "command"}
 _WANTED = "configuration"
-_NOT_IN_LISTS = "not read with others"
 _REFUSES_READ = 2  # bit of ObjFlags
 _DEVICE_TYPE, _IDENTITY = 0x1000, 0x1018
 _STORE, _SAVE = (0x1010, 1), 0x65766173
@@ -55,7 +54,7 @@ def device_of_eds(eds: Eds, name: str, node: int) -> Device:
     counts = Counter(fold(_name(described, item)) for described, item in items)
     dictionary = eds.dictionary(node)
     settings, of_node = storable(eds, node), formulas(eds)
-    parameters, wanted, alone = [], {}, []
+    parameters, wanted, alone = [], {}, {}
     restoring: dict[str, Any] = {"communication": [], "store": {}}
     for described, item in items:
         title = _name(described, item)
@@ -71,11 +70,11 @@ def device_of_eds(eds: Eds, name: str, node: int) -> Device:
         if item.value is not None:
             wanted[title] = dictionary.get(described.index, item.sub)
         if item.type == "domain" or item.flags & _REFUSES_READ:
-            alone.append(title)
+            alone[title] = "a domain may be long" if item.type == "domain" else "its ObjFlags want no scan to read it"
     texts = (eds.get("DeviceInfo", key) or "" for key in ("VendorName", "ProductName"))
     extra = {
         _WANTED: MappingProxyType(wanted),
-        _NOT_IN_LISTS: tuple(alone),
+        "read_alone": MappingProxyType(alone),
         "identity": _identity(eds),
         "settings": restoring,
     }
@@ -93,13 +92,6 @@ def wanted_values(device: Device) -> Mapping[str, Value]:
     """Return what a DCF wants its device to have, by the names of the parameters; of any other device nothing."""
     wanted: Mapping[str, Value] = device.extra.get(_WANTED, {})
     return wanted
-
-
-def read_alone(device: Device) -> tuple[str, ...]:
-    """Return the parameters that are read only by their full name: domains, which may be megabytes, and what ObjFlags
-    excludes from a scan of the device."""
-    names: tuple[str, ...] = device.extra.get(_NOT_IN_LISTS, ())
-    return names
 
 
 def _name(described: EdsObject, item: EdsItem) -> str:

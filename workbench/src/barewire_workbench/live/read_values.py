@@ -10,13 +10,13 @@ the rest, whose rows say so. One that stops answering later is given up after ei
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
 from typing import NamedTuple
 
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading, UnknownName
-from barewire.errors import DecodeError, NoAnswer, Refused, shown, suggest
+from barewire.errors import DecodeError, EncodeError, NoAnswer, Refused, shown, suggest
 from barewire.io.endpoint import Endpoint
 from barewire.io.machine import MachineClient
 from barewire_workbench.value_log.sample import plain_value
@@ -95,6 +95,20 @@ def readable_names(device: Device, url: str) -> list[str]:
     """Return the names of all parameters that can be read over the wire of a URL."""
     is_can = Endpoint.parse(url).scheme == "can"
     return [row.name for row in device.parameters if row.readable and (row.object if is_can else row.modbus)]
+
+
+def read_alone(device: Device) -> dict[str, str]:
+    """Return the parameters that are read only by their names, not with others, and why: a reading changes something,
+    or needs something first. Raises EncodeError for a wrong table [read_alone].
+
+    >>> from barewire import load
+    >>> read_alone(load("adxl"))["Event description"]
+    'each reading moves the event index on'
+    """
+    table = device.extra.get("read_alone", {})
+    if not isinstance(table, Mapping) or not all(isinstance(why, str) for why in table.values()):
+        raise EncodeError(f"{device.name}: [read_alone]: expected names of parameters, each with the reason as a text")
+    return {device.find(name).name: why for name, why in table.items()}
 
 
 def selected(

@@ -25,6 +25,7 @@ from barewire.errors import BarewireError, NoAnswer, PortError, Refused
 from barewire_workbench.cli.shown_frames import ShownFrames
 from barewire_workbench.live.check_device import check_device
 from barewire_workbench.live.polling import Clock, Poller
+from barewire_workbench.live.read_values import read_alone
 from barewire_workbench.live.results import text_with_notes
 from barewire_workbench.value_log.sample import plain_value
 
@@ -91,6 +92,9 @@ class PanelLine:
         self._problem, self._is_alive, self._since = "not asked yet", False, clock.now()
         self._start = clock.now()
         self._cells: dict[str, tuple[int, Any, str, str]] = {}  # name -> revision, value, text, why there is none
+        # What a reading changes is not polled; its cell says why.
+        self._cells |= {name: (1, None, "", f"not polled: {why}") for name, why in read_alone(device).items()}
+        self._polled = [row.name for row in device.parameters if row.name not in self._cells]
         self._looked_at: Counter[str] = Counter()
         self._pollers: dict[tuple[str, ...], Poller] = {}
         self._writes: Queue[tuple[str, Value, Future[str]]] = Queue(_WRITES)
@@ -178,7 +182,7 @@ class PanelLine:
         """Write what waits, poll once what is looked at; return the seconds until the next poll is due."""
         start = self._clock.now()
         with self._lock:
-            names = [row.name for row in self.device.parameters if self._looked_at[row.name]]
+            names = [name for name in self._polled if self._looked_at[name]]
         try:
             self._do_writes()
             if names:
