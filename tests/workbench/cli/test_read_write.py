@@ -342,6 +342,17 @@ def test_what_a_reading_changes_is_read_by_its_name_only() -> None:
         )
 
 
+def test_a_setting_behind_a_menu_is_refused_with_the_names_that_read_it() -> None:
+    with ModbusServer("tcp://127.0.0.1:0", {1: simulator("adxl").modbus}) as server:
+        url = f"{server.url}?timeout=30"
+        for command, name in (("read", "p08.01 node address"), ("write", "P08.01 node address=2")):
+            text = error_of(command, url, "adxl", name, status=2)
+            assert "P08.01 node address is behind a menu" in text
+        selection, value = re.findall(r'write ((?:"[^"]+"[ ,]+)+).*then read or write "(.+)"', text)[0]
+        assert output_of("write", url, "adxl", *re.findall(r'"([^"]+)"', selection)).count("written") == 3
+        assert output_of("read", url, "adxl", value) == "Parameter value = 1\n"
+
+
 def test_a_refused_register_of_a_range_costs_only_itself() -> None:
     with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
         run = run_here("read", endpoint, "raw", "holding:1000-1003", "--csv")

@@ -21,14 +21,14 @@ stands for any device.
 from __future__ import annotations
 
 import re
-from collections.abc import Iterable
+from collections.abc import Container, Iterable
 from dataclasses import replace
 from typing import cast
 
 from barewire.canopen.datatypes import DATA_TYPES
 from barewire.codecs import codec
 from barewire.codecs.order import ORDERS, Order
-from barewire.devices.device import CanopenSettings, Device, ModbusSettings
+from barewire.devices.device import CanopenSettings, Device, ModbusSettings, UnknownName
 from barewire.devices.parameter import (
     TABLE_NAMES,
     VALUE_TYPES,
@@ -39,6 +39,7 @@ from barewire.devices.parameter import (
 )
 from barewire.errors import EncodeError, fold, shown, suggest
 from barewire_workbench.cli.arguments import load_device
+from barewire_workbench.settings.rules import SettingRules
 
 RAW = Device("raw", "any device", (), modbus=ModbusSettings(), canopen=CanopenSettings())
 
@@ -62,7 +63,8 @@ _FORM = (
 def device_with(name: str | Device, wanted: Iterable[str] = (), endpoint: str = "") -> Device:
     """Return the device, or that of the name, with a further parameter for each of the `wanted` that is an address.
 
-    `endpoint` gives the node-ID to an EDS. Raises EncodeError for a wrong address.
+    `endpoint` gives the node-ID to an EDS. Raises EncodeError for a wrong address, UnknownName for a setting behind a
+    menu, which is no parameter.
 
     >>> device = device_with("raw", ["input:0x0FB1:u32", "object:1018h.1:u32"])
     >>> device.find("input:0x0FB1:u32").modbus
@@ -75,9 +77,20 @@ def device_with(name: str | Device, wanted: Iterable[str] = (), endpoint: str = 
     order = next((place.order for place in places if place is not None and place.words > 1), ORDERS[0])
     names = _folded_names(device)
     unknown = [text for text in dict.fromkeys(wanted) if fold(text) not in names]
+    if unknown:
+        _check_menus(device, {fold(text) for text in unknown})
     # "raw" has nothing but addresses, so what is not one gets the error of an address there.
     added = [raw_parameter(text, order) for text in unknown if is_raw_address(text) or device is RAW]
     return replace(device, parameters=(*device.parameters, *added)) if added else device
+
+
+def _check_menus(device: Device, folded: Container[str]) -> None:
+    """Raise UnknownName for a name that `barewire save` gives to a setting behind a menu, with what reads it."""
+    for setting in SettingRules.of(device).settings(is_can=False):
+        if setting.select and fold(setting.name) in folded:
+            numbers = " ".join(f'"{name}={number}"' for name, number in setting.select.items())
+            text = f"is behind a menu: `barewire save` and `restore` have it by this name; by hand write {numbers}"
+            raise UnknownName(f'{setting.name} {text}, then read or write "{setting.read_as}"')
 
 
 def _folded_names(device: Device) -> set[str]:
