@@ -19,6 +19,7 @@ from barewire import ModbusServer, load
 from barewire.devices.sim import MachineUnits, simulator
 from barewire_workbench.cli.panels.line import PanelLine, running
 from barewire_workbench.cli.panels.server import PanelServer
+from barewire_workbench.cli.panels.world import SimulatedWorld
 from tools.website.browser import chromium
 from tools.website.explorer import pyodide_folder
 
@@ -42,16 +43,17 @@ def url() -> Iterator[str]:
     ended = asyncio.Event()
 
     async def serve(line: PanelLine) -> None:
-        server = PanelServer(line, writable=True)
+        assert device.faults is not None
+        server = PanelServer(line, writable=True, world=SimulatedWorld(machine, device.faults))
         await server.start()
         urls.append(server.url)
         started.set()
         await ended.wait()
         await server.close()
 
-    machine = MachineUnits(simulator("csd-mt", time.monotonic()))
+    machine = simulator("csd-mt", time.monotonic())
     with (
-        ModbusServer("rtu://pty", machine) as device,
+        ModbusServer("rtu://pty", MachineUnits(machine), faults=()) as device,
         running(PanelLine(load("csd-mt"), f"{device.url}?timeout=20", period=0.1)) as line,
     ):
         thread = threading.Thread(target=loop.run_until_complete, args=(serve(line),))
@@ -167,6 +169,34 @@ def test_the_scope_records_once_a_value_passes_the_level_and_saves_csv_and_svg(b
     page.close()
 
 
+def test_faults_and_the_world_are_switched_by_keyboard_and_are_seen_in_frames_and_values(
+    browser: Browser, url: str
+) -> None:
+    page, other = opened(browser, url), opened(browser, url)
+    page.get_by_label("Group").select_option("Motion")
+    world = page.locator("#world")
+    world.get_by_label("exception: percent of the responses").fill("100")
+    world.get_by_label("exception: code").fill("04")
+    world.get_by_role("switch", name="exception").press("Space")
+    expect(value_of(page, "Profile Velocity")).to_contain_text("exception 04", timeout=_LOADED)
+    expect(page.locator("#frames button", has_text="01 83 04").first).to_be_visible(timeout=_LOADED)
+    expect(other.get_by_role("switch", name="exception")).to_be_checked(timeout=_LOADED)
+    world.get_by_role("switch", name="exception").press("Space")
+    expect(value_of(page, "Profile Velocity")).to_have_text("24000 step/s", timeout=_LOADED)
+    expect(other.get_by_role("switch", name="exception")).not_to_be_checked(timeout=_LOADED)
+    world.get_by_label("ambient").fill("warm")
+    page.keyboard.press("Enter")
+    expect(world.locator("[role=status]")).to_contain_text("expected a number behind =, found 'warm'", timeout=_LOADED)
+    group = next(row.group for row in load("csd-mt").parameters if row.name == "Digital Input")
+    page.get_by_label("Group").select_option(group)
+    expect(value_of(page, "Digital Input")).to_contain_text("no bit set", timeout=_LOADED)
+    world.get_by_label("I2").fill("on")
+    page.keyboard.press("Tab")
+    expect(value_of(page, "Digital Input")).not_to_contain_text("no bit set", timeout=_LOADED)
+    for each in (page, other):
+        each.close()
+
+
 def test_without_the_token_the_page_says_how_to_get_it(browser: Browser, url: str) -> None:
     page = opened(browser, url.partition("#")[0])
     page.get_by_label("Group").select_option("Motion")
@@ -186,11 +216,13 @@ def test_nothing_serious_is_found_and_nothing_is_wider_than_the_page(
     page.evaluate((Path(pyodide_folder()).parent / "axe-core" / "axe.min.js").read_text(encoding="utf-8"))
     page.get_by_label("Group").select_option("Motion")
     page.locator("#frames button").first.click()
+    page.locator("#world details").evaluate("details => { details.open = true; }")
     page.locator("#scope").get_by_role("button", name="Add").click()
     for step in ("the page", "the dialog"):
         if step == "the dialog":
             page.get_by_role("button", name="Write Profile Velocity").click()
         assert page.evaluate("document.documentElement.scrollWidth") <= width, step
+        assert page.evaluate("document.documentElement.scrollHeight - document.body.offsetHeight") < 40, step
         found: dict[str, Any] = page.evaluate("axe.run({resultTypes: ['violations']})")
         serious = [
             f"{violation['id']}: {node['html'][:120]}"

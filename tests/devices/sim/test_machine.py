@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from pathlib import Path
 
 import pytest
@@ -10,6 +11,7 @@ from barewire.codecs import Value
 from barewire.devices.description.load import load
 from barewire.devices.sim import Simulator, simulator
 from barewire.devices.sim.store import Declined
+from barewire.errors import EncodeError
 from barewire.modbus.messages import coils as bits, registers
 from barewire.modbus.messages.diagnostics import ReadExceptionStatus
 from tests.devices.sim.bench import Bench
@@ -167,6 +169,38 @@ def test_simulator_takes_a_name_or_a_description() -> None:
     assert by_name.canopen.deadline == 101.0
     assert by_name.store["BOOT CAN NODE"] == 5
     assert by_description.canopen is None
+
+
+@pytest.mark.parametrize("name", ["adxl", "az3", "csd-mt"])
+def test_every_property_of_an_environment_takes_its_own_text_and_refuses_another(name: str) -> None:
+    machine = simulator(name)
+    before = [(row.name, row.text) for row in machine.environment_properties()]
+    assert before
+    for row in machine.environment_properties():
+        machine.set_environment(f"{row.name.upper()} = {row.text}")
+        if row.form.expected != "a text":
+            with pytest.raises(EncodeError, match=re.escape(f"expected {row.form.expected} behind =, found '-x'")):
+                machine.set_environment(f"{row.name}=-x")
+    assert [(row.name, row.text) for row in machine.environment_properties()] == before
+    with pytest.raises(EncodeError, match=f"expected NAME=VALUE with a name of {before[0][0]}"):
+        machine.set_environment("nothing=1")
+
+
+def test_a_machine_without_behaviour_has_no_environment(bench: Bench) -> None:
+    with pytest.raises(EncodeError, match="mine has no environment to set"):
+        bench.machine.set_environment("volts=0")
+
+
+def test_alarms_and_faults_are_set_and_ended_by_name() -> None:
+    starter, servo = simulator("adxl"), simulator("az3")
+    starter.set_environment("alarm=OVERTEMPERATURE")
+    assert starter.status() == 13
+    starter.set_environment("alarm=")
+    assert starter.status() == 2
+    servo.set_environment("fault=7305")
+    assert servo.axis.cause == 0x7305
+    servo.set_environment("fault=0")
+    assert servo.axis.cause == 0
 
 
 def test_a_user_description_with_a_shipped_name_gets_no_behaviour(tmp_path: Path) -> None:

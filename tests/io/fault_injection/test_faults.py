@@ -70,6 +70,19 @@ def test_drop_removes_and_late_delays_an_answer() -> None:
     assert always("late").pass_on(ANSWER, 5.0) == [(5.0 + LATE, ANSWER)]
 
 
+def test_faults_are_replaced_from_the_next_answer_on_and_wrong_ones_change_nothing() -> None:
+    faults = always("drop")
+    assert faults.pass_on(ANSWER, 5.0) == []
+    faults.replace("late=2@every=2")
+    assert [faults.pass_on(ANSWER, now)[0][0] for now in (6.0, 7.0)] == [6.0, 9.0]
+    with pytest.raises(EncodeError, match="is not possible on this wire"):
+        faults.replace("wrong-transaction")
+    assert [fault.kind for fault in faults.present] == ["late"]
+    faults.replace(())
+    assert faults.pass_on(ANSWER, 20.0) == [(20.0, ANSWER)]
+    assert faults.counts == {"drop": 1, "late": 1}
+
+
 def test_a_late_answer_delays_the_next_on_a_line_and_not_on_tcp() -> None:
     for envelope, second_at in (("rtu", 5.0 + LATE), ("ascii", 5.0 + LATE), ("tcp", 5.1)):
         faults: Faults[bytes] = Faults(ModbusWire(envelope), {"late": 0.5}, Random(SEED))

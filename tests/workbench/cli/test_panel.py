@@ -16,6 +16,7 @@ from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
 from datetime import datetime
+from random import Random
 from typing import Any
 
 import pytest
@@ -23,8 +24,10 @@ import pytest
 from barewire import ModbusServer, connect, load
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import BarewireError, NoAnswer
+from barewire.io.fault_injection.faults import Faults, ModbusWire
 from barewire_workbench.cli.panels.line import Busy, PanelLine, running
 from barewire_workbench.cli.panels.server import PanelServer, description, planned_frames
+from barewire_workbench.cli.panels.world import SimulatedWorld
 from barewire_workbench.live.polling import Clock
 from tests.workbench.cli.helpers import error_of
 
@@ -471,26 +474,36 @@ def test_a_drive_shows_its_states_and_its_words_can_be_read_and_written_there(
 
 def test_the_world_of_a_simulated_machine_is_set_and_a_wrong_property_is_an_error() -> None:
     async def main() -> None:
-        machine = simulator("adxl")
-        async with panel("rtu:///dev/none", set_world=machine.set_environment) as (server, _):
-            token = server.token or ""
+        machine, faults = simulator("adxl"), Faults(ModbusWire("rtu"), "drop@20,late:0.5", Random(1))
+        async with panel("rtu:///dev/none", world=SimulatedWorld(machine, faults)) as (server, _):
 
-            def world(text: str, **headers: str) -> tuple[int, dict[str, Any]]:
-                client = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=60)
-                client.request("POST", "/world", text, headers)
-                response = client.getresponse()
-                answer = response.status, json.loads(response.read())
-                client.close()
-                return answer
+            async def post(path: str, name: str, text: str, **headers: str) -> tuple[int, str]:
+                body = {"name": name, "text": text}
+                status, answer, _ = await asyncio.to_thread(request, server, "POST", path, body, **headers)
+                return status, answer.get("result") or answer["problem"]
 
+            token = {"X-Token": server.token or ""}
+            assert (await post("/world", "line", "off"))[0] == 403
             assert machine.has_line
-            assert (await asyncio.to_thread(world, "line=0"))[0] == 403
-            assert machine.has_line
-            assert await asyncio.to_thread(world, "line=0", **{"X-Token": token}) == (200, {"result": "line=0"})
+            assert await post("/world", "line", "off", **token) == (200, "line: off")
             assert not machine.has_line
-            status, answer = await asyncio.to_thread(world, "wind=3", **{"X-Token": token})
-            assert status == 400
-            assert "wind" in answer["problem"]
+            status, problem = await post("/world", "wind", "3", **token)
+            assert (status, "expected NAME=VALUE with a name of line, alarm" in problem) == (400, True)
+            assert await post("/fault", "late", "", **token) == (200, "late: off")
+            assert await post("/fault", "exception", "exception=0B:1", **token) == (200, "exception: exception=0B:1")
+            status, problem = await post("/fault", "late", "late:7", **token)
+            assert (status, "expected a probability" in problem) == (400, True)
+            status, problem = await post("/fault", "wrong-transaction", "wrong-transaction", **token)
+            assert (status, "is not possible on this wire" in problem) == (400, True)
+            assert [(fault.kind, fault.value) for fault in faults.present] == [("drop", None), ("exception", 11)]
+            stream = events(server, "Status")
+            world = (await anext(stream))["world"]
+            assert world["environment"][0]["text"] == "off"
+            assert {row["name"]: (row["share"], row["value"]) for row in world["faults"] if row["share"]} == {
+                "exception": (100, "0B"),
+                "drop": (100, ""),
+            }
+            await stream.aclose()
 
     asyncio.run(main())
 

@@ -85,7 +85,7 @@ def test_world_changes_the_environment() -> None:
     assert text.splitlines() == ["Status = 0 (Absence of power)", "Limit 1 = on", "Limit 2 = on", "Limit 3 = off"]
     with simulated("az3", "--world", "volts=0", "rtu://pty") as (url,):
         assert "voltage enabled" not in output_of("read", url, "az3", "STATUS WORD")
-    assert "expected NAME=NUMBER with a name of volts" in error_of(
+    assert "expected NAME=VALUE with a name of volts" in error_of(
         "simulate", "az3", "rtu://pty", "--world", "volt=1", status=2
     )
     assert "a table has no environment" in error_of(
@@ -141,6 +141,13 @@ def test_the_help_names_every_fault_and_every_carrier() -> None:
     text = output_of("simulate", "--help")
     for word in (*KINDS, "tls", "udp", "rtu+tcp", "ascii+tcp", "can"):
         assert word in text
+
+
+@pytest.mark.parametrize("device", ["adxl", "az3", "csd-mt"])
+def test_the_help_names_every_property_of_an_environment(device: str) -> None:
+    section = output_of("simulate", "--help").partition(f"\n  {device}  ")[2]
+    for row in simulator(device).environment_properties():
+        assert row.name in section
 
 
 def test_a_bus_is_named_once() -> None:

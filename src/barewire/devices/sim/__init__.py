@@ -12,8 +12,8 @@ Simulated: every parameter of the description, at its address or object, with it
 codes, limits and exceptions of each device; the CiA 402 states and status words; ramps and trapezoids of the right
 duration; a soft start that takes the acceleration time; PDOs, SYNC, heartbeat and NMT of the AZ3; saved parameters and
 power-off. Simplified: currents, torques, temperatures and their curves. Only stored: what the heads of `adxl`,
-`az3` and `csd_mt.machine` list. What the manuals leave open is decided in one place, and documented there. The
-environment of a machine (a supply that fails, a switch that is passed) is set by attributes that the same heads list.
+`az3` and `csd_mt.machine` list. What the manuals leave open is decided in one place, and documented there. A supply
+that fails or a switch that is passed is set with `set_environment`; `environment_properties` lists what there is.
 
 In reading order:
 

@@ -13,9 +13,7 @@ power, lasts until the starter is switched on again: currents are a twentieth, s
 inhibited (`trip` adds an event, not an alarm), and a running motor shows status 11. A new node address (P08.01) takes
 effect at the next power-on or reboot.
 
-The environment is set by attributes and methods: `supply`, `trip` and `clear` an alarm, `close` an input, `limits` and
-`remotes` as bits, `preheats` and `selects_motor` for status 1 and 14, and `motor.start_delay`, `kick_time` and
-`torque_limit` for status 3, 4 and 7.
+`environment_properties` lists its environment: supply, alarms, inputs, and what is a parameter of the menus there.
 
 Simplified: the curves of a start are plausible and not calculated, see `adxl_motor`. C11, the AUTOSET wizard, is an
 event and nothing else. Only stored: baud rate, format and protocol (P08.02 to P08.05).
@@ -40,7 +38,7 @@ from typing import Any, NamedTuple
 from barewire.codecs import Value
 from barewire.devices.device import Device, ModbusSettings
 from barewire.devices.sim.adxl_motor import FREQUENCY, LINE_RATIOS, RATED_CURRENT, Motor, MotorPhase, MotorSample
-from barewire.devices.sim.machine import Simulator, parse_setting
+from barewire.devices.sim.machine import SWITCH, EnvironmentProperty, Form, Simulator, number
 from barewire.devices.sim.modbus import ModbusAdapter
 from barewire.devices.sim.store import Declined
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, SERVER_DEVICE_BUSY, ModbusException
@@ -147,6 +145,9 @@ _FIRST_SETTING = 0x4FFF
 
 _EVENT_TEXT = 0x5031
 _EVENT_REGISTERS = 28
+
+
+_BITS, _SECONDS = number(0, 15, int), number(0, 3600)
 
 
 class AdxlModbusAdapter(ModbusAdapter):
@@ -329,19 +330,38 @@ class Adxl(Simulator):
         elif closes and number == 2:
             self._stop()
 
-    def set_environment(self, text: str) -> None:
-        """Set line=0, i1=1, limits=3, remotes=1, preheats=1, selects-motor=1, inhibited=1, start-delay=2 ..."""
-        bits, flags = ("limits", "remotes"), ("preheats", "selects_motor", "inhibited")
-        of_motor = ("start_delay", "kick_time", "torque_limit")
-        name, value = parse_setting(text, ("line", "i1", "i2", "i3", *bits, *flags, *of_motor))
-        if name == "line":
-            self.supply(bool(value), self.now)
-        elif name[0] == "i" and name[1:].isdigit():
-            self.close(int(name[1]), bool(value), self.now)
-        elif name in of_motor:
-            setattr(self.motor, name, value)
-        else:
-            setattr(self, name, bool(value) if name in flags else int(value))
+    def environment_properties(self) -> tuple[EnvironmentProperty, ...]:
+        """Return supply, alarm, inputs, and what statuses of a start and of rest depend on."""
+
+        of, inputs = EnvironmentProperty.of, ("input 1: closing it starts the motor", "input 2: it stops it", "input 3")
+        return (
+            EnvironmentProperty("line", "the supply", SWITCH, self.has_line, lambda on: self.supply(on, self.now)),
+            EnvironmentProperty(
+                "alarm",
+                "the text of an alarm that lasts; empty: none",
+                Form("a text", str),
+                self.alarm,
+                lambda text: self.trip(text, self.now) if text else self.clear(self.now),
+            ),
+            *(
+                EnvironmentProperty(
+                    f"i{place}",
+                    meaning,
+                    SWITCH,
+                    bool(self.inputs >> place - 1 & 1),
+                    partial(self.close, place, now=self.now),
+                )
+                for place, meaning in enumerate(inputs, 1)
+            ),
+            of(self, "limits", "LIM1 to LIM4, as bits", _BITS),
+            of(self, "remotes", "REM1 to REM4, as bits", _BITS),
+            of(self, "preheats", "the motor is heated at rest: status 1", SWITCH),
+            of(self, "selects_motor", "a motor is being selected: status 14", SWITCH),
+            of(self, "inhibited", "protections are inhibited: status 11", SWITCH),
+            of(self.motor, "start_delay", "seconds before a start: status 3", _SECONDS),
+            of(self.motor, "kick_time", "seconds of a kick before the ramp: status 4", _SECONDS),
+            of(self.motor, "torque_limit", "of the rated torque, in a start: status 7", number(0)),
+        )
 
     # State
 

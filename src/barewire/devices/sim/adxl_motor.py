@@ -90,7 +90,7 @@ class Motor:
         # Set from outside; the acceleration time is a parameter of the starter.
         self.start_delay = 0.0
         self.kick_time = 0.0
-        self.torque_limit: float | None = None  # of the rated torque
+        self.torque_limit = inf  # of the rated torque
         self.low_power = False
 
     # Commands
@@ -192,7 +192,7 @@ class Motor:
         sample = self._sample(now)
         if self.low_power:
             return sample.scaled(_LOW_POWER)
-        if self.torque_limit is None or sample.torque <= self.torque_limit or self.phase is not MotorPhase.STARTING:
+        if sample.torque <= self.torque_limit or self.phase is not MotorPhase.STARTING:
             return sample
         # Torque goes with the square of the voltage, current with the voltage.
         less = sqrt(self.torque_limit / sample.torque)

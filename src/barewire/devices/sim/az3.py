@@ -9,8 +9,8 @@ phasing, torque, current and voltage (`az3_motion`); saving, defaults, addresses
 their emergencies; the device identification of Modbus. The drive has no quick stop option code, so its default, 2, is
 used: it brakes and changes to SWITCH ON DISABLED by itself.
 
-The environment is set with `supply` (volts; above V BUS MAX it is fault 3210h, without voltage while the motor has
-current 3220h) and with `fault` and `solve` for every other fault.
+The environment is `supply` (above V BUS MAX it is fault 3210h, without voltage while the motor has current 3220h), and
+`fault` and `solve` for every other fault.
 
 Simplified: position mode is that of the set-point bit. V REF SETPOINT is followed on its two ramps while the operation
 is enabled; no guide states in which mode it turns the shaft, so here it can only be monitored.
@@ -50,7 +50,7 @@ from barewire.devices.device import CanopenSettings, Device
 from barewire.devices.parameter import show
 from barewire.devices.sim.az3_motion import Az3Axis, Az3Settings, Measurements, Phasing
 from barewire.devices.sim.cia402_axis import CURRENT_ON
-from barewire.devices.sim.machine import Simulator, parse_setting
+from barewire.devices.sim.machine import EnvironmentProperty, Form, Simulator, number
 from barewire.devices.sim.modbus import ModbusAdapter
 from barewire.devices.sim.store import Declined, MachineStore
 from barewire.modbus.exceptions import ILLEGAL_DATA_VALUE, ILLEGAL_FUNCTION, ModbusException
@@ -323,9 +323,26 @@ class Az3(Simulator):
                 self.solve(self.now)
         self._check_supply()
 
-    def set_environment(self, text: str) -> None:
-        """Set the voltage of the supply: volts=48."""
-        self.supply(parse_setting(text, ("volts",))[1], self.now)
+    def environment_properties(self) -> tuple[EnvironmentProperty, ...]:
+        """Return the voltage of the supply, and the cause of a fault."""
+        volts, cause = self.measurements.supply, self.axis.cause
+        code = Form("a hexadecimal code", lambda text: int(text, 16))
+        return (
+            EnvironmentProperty(
+                "volts",
+                "volts of the supply; 0: none",
+                number(0, 1000),
+                volts,
+                lambda volts: self.supply(volts, self.now),
+            ),
+            EnvironmentProperty(
+                "fault",
+                "the code of a fault that lasts, hexadecimal; 0: none",
+                code,
+                f"{cause:04X}",
+                lambda code: self.fault(code & 0xFFFF, self.now) if code else self.solve(self.now),
+            ),
+        )
 
     def _check_supply(self) -> None:
         volts, limit = self.measurements.supply, self.store.number("V BUS MAX")

@@ -11,8 +11,10 @@ the store.
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator, Mapping
+from functools import partial
+from math import inf
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barewire.devices.device import Device
 from barewire.devices.sim.modbus import ModbusAdapter
@@ -21,6 +23,53 @@ from barewire.errors import EncodeError, suggest
 
 if TYPE_CHECKING:
     from barewire.devices.sim.canopen import CanopenAdapter
+
+
+class Form(NamedTuple):
+    """The form of the values of a property: how an error names it, and how a text is read. `choices`: all texts, if
+    they are few. What `read` raises for a wrong text is a ValueError or KeyError."""
+
+    expected: str
+    read: Callable[[str], Any]
+    choices: tuple[str, ...] = ()
+
+
+SWITCH = Form("on or off", {"on": True, "off": False, "1": True, "0": False}.__getitem__, ("off", "on"))
+
+
+def number(low: float = -inf, high: float = inf, read: Callable[[str], float] = float) -> Form:
+    """Return the form of a number in a range."""
+    limits = f" from {low:g}" * (low > -inf) + f" to {high:g}" * (high < inf)
+
+    def checked(text: str) -> float:
+        value = read(text)
+        if not low <= value <= high:  # nan is in no range
+            raise ValueError(text)
+        return value
+
+    return Form(f"a {'number' if read is float else 'whole number'}{limits}", checked)
+
+
+class EnvironmentProperty(NamedTuple):
+    """A property of the environment of a simulated machine, with its value; `put` takes another one."""
+
+    name: str
+    meaning: str
+    form: Form
+    value: object
+    put: Callable[[Any], object]
+
+    @classmethod
+    def of(cls, owner: object, name: str, meaning: str, form: Form) -> EnvironmentProperty:
+        """Return the property that is an attribute of an object, with - for _ in its name."""
+        return cls(name.replace("_", "-"), meaning, form, getattr(owner, name), partial(setattr, owner, name))
+
+    @property
+    def text(self) -> str:
+        """The value, as `Simulator.set_environment` takes it."""
+        if isinstance(self.value, bool):
+            return "on" if self.value else "off"
+        return f"{self.value:.10g}" if isinstance(self.value, float) else str(self.value)
 
 
 class Simulator:
@@ -75,9 +124,33 @@ class Simulator:
         """Restore every value as at power-on: the defaults, then the saved values."""
         self.store.restore(self.store.saved)
 
+    def environment_properties(self) -> tuple[EnvironmentProperty, ...]:
+        """Return the properties of the environment, with their present values."""
+        return ()
+
     def set_environment(self, text: str) -> None:
-        """Set one property of the environment, NAME=VALUE as at a command line. Raises EncodeError for other names."""
-        raise EncodeError(f"{text!r}: {self.device.name} has no environment to set")
+        """Set a property of the environment, NAME=VALUE as at a command line. Raises EncodeError for wrong ones.
+
+        >>> from barewire.devices.sim import simulator
+        >>> machine = simulator("az3")
+        >>> machine.set_environment("volts=0")
+        >>> [(known.name, known.text) for known in machine.environment_properties()][0]
+        ('volts', '0')
+        """
+        name, _, value = text.partition("=")
+        known = {row.name.lower(): row for row in self.environment_properties()}
+        row = known.get(name.strip().lower().replace("_", "-"))
+        if row is None:
+            names = [row.name for row in known.values()]
+            if not names:
+                raise EncodeError(f"{text!r}: {self.device.name} has no environment to set")
+            expected = f"expected NAME=VALUE with a name of {', '.join(names)}"
+            raise EncodeError(f"{text!r}: {expected}{suggest(name.strip(), names)}")
+        try:
+            read = row.form.read(value.strip())
+        except (ValueError, KeyError):
+            raise EncodeError(f"{text!r}: expected {row.form.expected} behind =, found {value.strip()!r}") from None
+        row.put(read)
 
     def reset_communication(self) -> None:
         """React to an NMT reset communication, after 1000h to 1FFFh were restored. Does nothing here."""
@@ -133,24 +206,3 @@ class MachineUnits(Mapping[int, ModbusAdapter]):
 
     def __len__(self) -> int:
         return len(self._addresses())
-
-
-def parse_setting(text: str, names: tuple[str, ...]) -> tuple[str, float]:
-    """Split NAME=NUMBER. The name is one of `names`, with - or _; the number is finite and not negative.
-
-    Raises EncodeError for everything else.
-
-    >>> parse_setting("kick-time=0.5", ("kick_time", "line"))
-    ('kick_time', 0.5)
-    """
-    name, _, value = text.partition("=")
-    name = name.strip().lower().replace("-", "_")
-    try:
-        number = float(value)
-    except ValueError:
-        number = -1.0
-    if name not in names or not 0 <= number < float("inf"):
-        expected = ", ".join(known.replace("_", "-") for known in names)
-        hint = "" if name in names else suggest(name, names, lambda known: known.replace("_", "-"))
-        raise EncodeError(f"{text!r}: expected NAME=NUMBER with a name of {expected}{hint}")
-    return name, number

@@ -2,16 +2,6 @@
 
         device --answer--> Faults.pass_on(answer, now, request) --> [(when, what), ...] --> the wire
 
-    exception          an exception or abort 0800 0000h instead of the answer        bytes, CAN: answers of SDO
-    wrong-unit         the right answer with another unit or node address            bytes, CAN
-    wrong-transaction  the right answer with the next transaction number             bytes, framing of Modbus TCP
-    flip               one bit is inverted                                           bytes
-    noise              something other than an answer comes before it                bytes, CAN: another node's frame
-    split              the answer in two parts with a pause between                  bytes, not in datagrams
-    paced              the answer byte by byte with a pause between                  bytes, not in datagrams
-    late               the answer comes a number of seconds later                    bytes, CAN
-    drop               no answer                                                     bytes, CAN
-
 On a serial line, also in a tunnel, a late answer delays the following ones, because a unit there answers one request
 after the other. On TCP, UDP and CAN they overtake it.
 
@@ -29,10 +19,7 @@ One fault as a text, KIND[=VALUE][:P][@ADDRESS][@every=N or @nth=N]:
 
 An address is decimal, or hexadecimal as 0x14 or 14h.
 
-    kind                VALUE
-    exception           the exception code in hexadecimal, 01..FF (default 06)
-    late                the delay in seconds (default: that of the server, 1.5)
-    paced               the pause between two bytes in seconds (default 0.005)
+The value is that of `VALUED`: a code in hexadecimal (01..FF), the delay or the pause in seconds.
 """
 
 from __future__ import annotations
@@ -40,6 +27,7 @@ from __future__ import annotations
 from collections import Counter
 from collections.abc import Callable, Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from itertools import count
 from random import Random
 from typing import TYPE_CHECKING, Generic, NamedTuple, TypeAlias, TypeVar
 
@@ -55,8 +43,18 @@ if TYPE_CHECKING:
 
 Item = TypeVar("Item")
 
-KINDS = ("exception", "wrong-unit", "flip", "noise", "split", "late", "drop", "wrong-transaction", "paced")
-"""All kinds of faults; one answer can have several."""
+KINDS = {
+    "exception": "an exception, or an SDO abort, instead of the answer",
+    "wrong-unit": "the right answer with another unit or node address",
+    "flip": "one bit is inverted",
+    "noise": "something other than an answer comes before it",
+    "split": "the answer in two parts with a pause between",
+    "late": "the answer comes a number of seconds later",
+    "drop": "no answer",
+    "wrong-transaction": "the right answer with the next transaction number",
+    "paced": "the answer byte by byte with a pause between",
+}
+"""All kinds of faults, and what each does; one answer can have several. `FaultyWire.kinds`: those of a wire."""
 
 _DEFAULT_PROBABILITY = 0.1
 """The probability of a kind of fault that is given without one, and without the answers that it hits."""
@@ -92,7 +90,8 @@ PAUSE = 0.02
 _PACE = 0.005
 """Seconds between two bytes of a paced answer. RTU at 19200 baud allows 0.9 ms inside a frame [MB-SER 2.5.1.1]."""
 
-_SERVER_DEVICE_BUSY = 6
+VALUED = {"exception": 6, "late": LATE, "paced": _PACE}
+"""The kinds that have a value, and the default; that of `late` is an argument of the server."""
 _GENERAL_ABORT = 0x0800_0000
 
 
@@ -410,8 +409,20 @@ class Faults(Generic[Item]):
         delay: float = LATE,
         on_fault: Callable[[str], None] | None = None,
     ) -> None:
-        self._faults = checked_faults(faults)
-        for fault in self._faults:
+        self.wire = wire
+        if not (_is_number(delay, 0, LONGEST_DELAY) and delay < LONGEST_DELAY):
+            raise EncodeError(f"late = {shown(delay)}: {_EXPECTED_DELAY}")
+        self.counts: Counter[str] = Counter()
+        """The number of faults of each kind."""
+        self.delay, self._on_fault = delay, on_fault
+        self._last = 0.0
+        self._random, self._content = random, Random(random.random())  # whether there is a fault, and its content
+        self.replace(faults)
+
+    def replace(self, faults: GivenFaults) -> None:
+        """Have other faults from the next answer on, also while a server uses them. Raises EncodeError."""
+        wire, checked = self.wire, checked_faults(faults)
+        for fault in checked:
             if fault.kind not in wire.kinds:
                 expected = ", ".join(wire.kinds)
                 raise EncodeError(f"fault {fault.kind!r} is not possible on this wire: expected {expected}", "faults")
@@ -419,26 +430,22 @@ class Faults(Generic[Item]):
                 raise EncodeError(f"fault {fault.kind!r}: an address selects requests of Modbus, not of CAN", "faults")
             if fault.kind == "exception" and fault.value is not None and not wire.has_addresses:
                 raise EncodeError("fault 'exception': CAN has SDO aborts and no exception codes", "faults")
-        if not (_is_number(delay, 0, LONGEST_DELAY) and delay < LONGEST_DELAY):
-            raise EncodeError(f"late = {shown(delay)}: {_EXPECTED_DELAY}")
-        self.counts: Counter[str] = Counter()
-        """The number of faults of each kind."""
-        self._wire, self._delay, self._on_fault = wire, delay, on_fault
-        self._fitting = [0] * len(self._faults)
-        """By fault: the answers so far that fit its addresses."""
-        self._last = 0.0
-        self._random, self._content = random, Random(random.random())  # whether there is a fault, and its content
+        # The present list stays as it is: the thread of a server may be reading it.
+        self._counted = [(fault, count(1)) for fault in checked]
+
+    @property
+    def present(self) -> tuple[Fault, ...]:
+        """The faults that answers may have now."""
+        return tuple(fault for fault, _ in self._counted)
 
     def _chosen(self, request: bytes) -> dict[str, Fault]:
         """Return the faults for the next answer, by kind."""
         # One random number for each kind in any case, so that a fault hits the same answers with and without others.
         dice = {kind: self._random.random() for kind in KINDS}
         chosen: dict[str, Fault] = {}
-        for place, fault in enumerate(self._faults):
-            if fault.fits(request):
-                self._fitting[place] += 1
-                if fault.hits(self._fitting[place]) and dice[fault.kind] < fault.probability:
-                    chosen.setdefault(fault.kind, fault)
+        for fault, numbers in self._counted:
+            if fault.fits(request) and fault.hits(next(numbers)) and dice[fault.kind] < fault.probability:
+                chosen.setdefault(fault.kind, fault)
         return chosen
 
     def pass_on(self, item: Item, now: float, request: bytes = b"") -> list[tuple[float, Item]]:
@@ -454,16 +461,16 @@ class Faults(Generic[Item]):
                     self._on_fault(kind)
         if "drop" in chosen:
             return []
-        wire, random = self._wire, self._content
+        wire, random = self.wire, self._content
         item = self._damaged(item, chosen)
         send_at = now
         if (late := chosen.get("late")) is not None:
-            send_at += self._delay if late.value is None else late.value
+            send_at += self.delay if late.value is None else late.value
         if wire.in_order:
             send_at = max(send_at, self._last)
         parts, pause = [item], 0.0
         if (paced := chosen.get("paced")) is not None:
-            parts, pause = wire.bytewise(item), _PACE if paced.value is None else paced.value
+            parts, pause = wire.bytewise(item), VALUED["paced"] if paced.value is None else paced.value
         elif "split" in chosen:
             parts, pause = wire.parts(item, random), PAUSE
         self._last = send_at + (len(parts) - 1) * pause
@@ -473,13 +480,13 @@ class Faults(Generic[Item]):
     def _damaged(self, item: Item, chosen: Mapping[str, Fault]) -> Item:
         """Return the item with the faults of its content."""
         if (refusal := chosen.get("exception")) is not None:
-            item = self._wire.refused(item, _SERVER_DEVICE_BUSY if refusal.value is None else int(refusal.value))
+            item = self.wire.refused(item, int(VALUED["exception"] if refusal.value is None else refusal.value))
         if "wrong-unit" in chosen:
-            item = self._wire.misdirected(item)
+            item = self.wire.misdirected(item)
         if "wrong-transaction" in chosen:
-            item = self._wire.misnumbered(item)
+            item = self.wire.misnumbered(item)
         if "flip" in chosen:  # last: the changes before it compute a new check sum
-            item = self._wire.flipped(item, self._content)
+            item = self.wire.flipped(item, self._content)
         return item
 
 

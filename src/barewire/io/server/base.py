@@ -19,7 +19,7 @@ import time
 from abc import ABC, abstractmethod
 from collections.abc import Callable
 from contextlib import suppress
-from typing import TYPE_CHECKING, Self
+from typing import TYPE_CHECKING, Any, Self
 
 from barewire.errors import BarewireError, PortError
 from barewire.io.log import PortLog
@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
 
     from barewire.io.endpoint import Endpoint
+    from barewire.io.fault_injection.faults import Faults
     from barewire.modbus.messages.registry import AnyRequest
 
 POLL_INTERVAL = 0.1
@@ -56,6 +57,8 @@ class ThreadedServer(ABC):
         """The error that ended a server that runs in its own thread."""
         self.on_end: Callable[[], None] | None = None
         """Called when the thread of the server ends, for whatever reason."""
+        self.faults: Faults[Any] | None = None
+        """The model of the faults in its answers, which may be given others; None without the argument `faults`."""
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__} {self.url}>"

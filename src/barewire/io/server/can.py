@@ -53,7 +53,7 @@ if TYPE_CHECKING:
     from barewire.devices.sim.machine import Simulator
     from barewire.io.canopen.bus.async_bus import AsyncRunning
     from barewire.io.canopen.bus.shared_bus import WatchFrames
-    from barewire.io.fault_injection.faults import GivenFaults
+    from barewire.io.fault_injection.faults import Faults, GivenFaults
 
     Served = str | Device | Simulator | CanopenNode | ObjectDictionary | Eds
 
@@ -92,12 +92,14 @@ class _CanopenServerBase:
         self._node = SharedNode(_node_of(endpoint, device, eds, self.refused_pdos))
         self.url = str(endpoint)
         self.dial: Callable[[], Port[CanFrame]] = lambda: can_port(endpoint)
+        self.faults: Faults[CanFrame] | None = None
         if faults is not None:
             from barewire.io.fault_injection.faults import faults_on_can
             from barewire.io.fault_injection.ports import FaultyPort
 
             model = faults_on_can(faults, seed=fault_seed, delay=fault_delay, on_fault=on_fault)
             self.dial = lambda: FaultyPort(can_port(endpoint), model)
+            self.faults = model
         self._hub: SocketcandHub | None = None
         self.statistics = NodeStatistics()
         """Counters of frames, and the latest errors in the code of the device."""

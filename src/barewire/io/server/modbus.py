@@ -128,8 +128,8 @@ class ModbusServer(_Served, ThreadedServer):
     ) -> None:
         super().__init__()
         endpoint = _server_endpoint(url, units, set_direction, ssl_context, options)
-        model = _faults_of(endpoint, units, faults, fault_seed, fault_delay, on_fault)
-        self._service = _service(endpoint, SharedUnits(units), authorization, model)
+        self.faults = _faults_of(endpoint, units, faults, fault_seed, fault_delay, on_fault)
+        self._service = _service(endpoint, SharedUnits(units), authorization, self.faults)
         self.url = self._service.url
 
     def _serve(self, stop: threading.Event) -> None:
@@ -172,12 +172,13 @@ class AsyncModbusServer(_Served, AsyncServer):
             raise EncodeError(f"endpoint {url!r}: pseudo-terminals are made by ModbusServer, in a thread")
         self.url = str(self._endpoint)
         self._listener = listener
-        model = _faults_of(self._endpoint, units, faults, fault_seed, fault_delay, on_fault)
+        self.faults = _faults_of(self._endpoint, units, faults, fault_seed, fault_delay, on_fault)
+        """As that of `ModbusServer`: the model of the faults, or None."""
         inject = None
-        if model is not None:
+        if self.faults is not None:
             from barewire.io.fault_injection.ports import LoopFaultInjector
 
-            inject = LoopFaultInjector(model)
+            inject = LoopFaultInjector(self.faults)
         if self._endpoint.is_serial_port:
             from barewire.io.server.serial import SerialServer
 

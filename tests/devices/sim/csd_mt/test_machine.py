@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from barewire.devices.cia402 import State
-from barewire.devices.sim.csd_mt.environment import Environment, Span
+from barewire.devices.sim import simulator
+from barewire.devices.sim.csd_mt.environment import Span
 from barewire.errors import EncodeError
 from barewire.modbus.messages.registers import (
     ReadInputRegisters,
@@ -359,9 +360,10 @@ def test_only_the_s4_has_safe_torque_off() -> None:
 
 
 def test_the_environment_is_set_by_text() -> None:
-    environment = Environment()
+    drive = simulator("csd-mt")
+    environment = drive.environment
     for text in ("I1=-5000:", "i2=:9000", "I4=ON", "walls = -100:100", "encoder=4000", "friction=5", "index=1.5"):
-        environment.put(text)
+        drive.set_environment(text)
     assert environment.inputs[1:] == [Span(-5000.0, inf), Span(-inf, 9000.0), False, True]
     assert (environment.walls, environment.encoder, environment.friction, environment.index) == (
         Span(-100.0, 100.0),
@@ -374,24 +376,24 @@ def test_the_environment_is_set_by_text() -> None:
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("I5=on", "expected NAME=VALUE with a name of I0 to I4, walls, model, pull-out"),
-        ("walls", "expected LOW:HIGH behind =, found ''"),
-        ("I0=maybe", "expected on, off, or LOW:HIGH for a switch, found 'maybe'"),
-        ("I0=5:1", "expected LOW below HIGH"),
-        ("I0=a:1", "expected a number behind =, found 'a'"),
-        ("volts=nan", "expected a number"),
-        ("encoder=inf", "expected a whole number"),
-        ("model=95", "expected one of 94, S4"),
+        ("I5=on", "expected NAME=VALUE with a name of I0, I1, I2, I3, I4, walls, pull-out"),
+        ("walls", "expected LOW:HIGH, the lower one first, behind =, found ''"),
+        ("I0=maybe", "expected on, off, or LOW:HIGH for a switch behind =, found 'maybe'"),
+        ("I0=5:1", "expected on, off, or LOW:HIGH for a switch behind =, found '5:1'"),
+        ("I0=a:1", "expected on, off, or LOW:HIGH for a switch behind =, found 'a:1'"),
+        ("volts=nan", "expected a number behind ="),
+        ("encoder=inf", "expected a whole number from 0 behind ="),
+        ("model=95", "expected 94 or S4 behind ="),
     ],
 )
 def test_an_environment_setting_with_an_error_is_refused(text: str, message: str) -> None:
     with pytest.raises(EncodeError, match=message):
-        Environment().put(text)
+        simulator("csd-mt").set_environment(text)
 
 
 def test_the_environment_can_switch_the_power_section_off() -> None:
     bench = CsdBench()
-    bench.drive.environment.put("volts=0")
+    bench.drive.set_environment("volts=0")
     assert bench.control(0x06, 0x07) == "0221"
 
 

@@ -4,13 +4,16 @@ from __future__ import annotations
 
 import asyncio
 import signal
-from collections.abc import Callable
+from typing import TYPE_CHECKING
 
 import click
 
 from barewire.devices import Device
 from barewire.errors import PortError
 from barewire_workbench.cli.arguments import device_argument, endpoint_argument, load_device, no_check_option
+
+if TYPE_CHECKING:
+    from barewire_workbench.cli.panels.world import SimulatedWorld
 
 
 @click.command("panel")
@@ -54,7 +57,7 @@ def serve_panel(
     port: int = 0,
     period: float = 0.5,
     check: bool = True,
-    set_world: Callable[[str], None] | None = None,
+    world: SimulatedWorld | None = None,
 ) -> None:
     """Serve the page of a machine until a signal ends it. Raises PortError for the port of the page, and without
     microdot. The port of the machine is opened when a browser looks."""
@@ -72,7 +75,7 @@ def serve_panel(
             if signal.getsignal(number) is not signal.SIG_IGN:
                 signal.signal(number, lambda *_: loop.call_soon_threadsafe(ended.set))
         with running(PanelLine(device, endpoint, period=period, check=check)) as line:
-            server = PanelServer(line, writable=writable, set_world=set_world)
+            server = PanelServer(line, writable=writable, world=world)
             await server.start(port)
             print(f"panel {server.url}", flush=True)
             await ended.wait()

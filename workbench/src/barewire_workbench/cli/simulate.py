@@ -20,7 +20,6 @@ from barewire.devices.sim import MachineUnits, Simulator, simulator
 from barewire.errors import shown
 from barewire.io.canopen.bus.port import inside_one_process
 from barewire.io.endpoint import Endpoint
-from barewire.io.engine.locking import exclusive
 from barewire.io.fault_injection.faults import LATE, Fault, faults_at, faults_on_can, parse_faults
 from barewire.io.machine import serial_settings
 from barewire.io.ports.pty import is_pseudo_terminal
@@ -84,7 +83,8 @@ def simulate_command(
     barewire simulate drive.eds "can://socketcand/127.0.0.1:29536/can0?node=5"
 
     --panel serves a page at the last ENDPOINT, of which it is a client: on a serial line give another program another
-    ENDPOINT. The page writes values, and sets properties of the environment as --world does.
+    ENDPOINT. The page writes values, sets properties of the environment as --world does, and has a switch for each
+    fault of that line.
 
     --fault disturbs responses, and prints `fault KIND` for each. It works on tcp, tls (before encryption), udp, rtu,
     ascii, rtu+tcp, ascii+tcp and can. KIND hits one response in ten, KIND:P those with the probability P; what follows
@@ -114,13 +114,15 @@ def simulate_command(
     revolution:
 
     \b
-    adxl    line=0                no supply
-            i1=1                  input 1 is closed; i2, i3
+    adxl    line=off              no supply
+            alarm=OVERHEATED      an alarm that lasts; alarm= ends it
+            i1=on                 input 1 is closed; i2, i3
             limits=3, remotes=1   LIM1 to LIM4 and REM1 to REM4, as bits
-            preheats=1, selects-motor=1, inhibited=1            status 1, 14, 11
+            preheats=on, selects-motor=on, inhibited=on         status 1, 14, 11
             start-delay=2, kick-time=0.5, torque-limit=0.7      status 3, 4, 7 in a start
     az3     volts=0               no high voltage
-    csd-mt  I0=30000:31000        input I0 is ON between these positions (I1=-50000: ON above)
+            fault=7305            a fault that lasts; fault=0 ends it
+    csd-mt  I0=30000:31000        input I0 is ON between these positions (I1=-50000: ON above); I2, I3, I4
             I3=on, I3=off         the input is fixed
             walls=-60000:60000    the mechanical end stops
             pull-out=20000        the speed above which steps are lost, from the load
@@ -151,8 +153,8 @@ def simulate_command(
     machine = _configured_machine(device, list(map(Endpoint.parse, endpoints))) if is_machine else None
     _set_initial_state(device, machine, values, world)
     disturbed: dict[str, Any] = {}
-    if faults is not None:
-        disturbed = {"faults": faults, "fault_seed": seed, "fault_delay": late, "on_fault": _print_fault}
+    if faults is not None or panel:  # the page puts faults into answers later
+        disturbed = {"faults": faults or (), "fault_seed": seed, "fault_delay": late, "on_fault": _print_fault}
     server_at: Callable[[str], ThreadedServer]
     if machine is not None:
         server_at = partial(machine_server, machine=machine, **disturbed)
@@ -197,16 +199,14 @@ def _serve(servers: list[ThreadedServer], stop: threading.Event) -> None:
 def _serve_with_panel(servers: list[ThreadedServer], machine: Simulator) -> None:
     """Run all servers, and the page of the machine, until a signal. Raises the error of a server that failed."""
     from barewire_workbench.cli.panel import serve_panel
+    from barewire_workbench.cli.panels.world import SimulatedWorld
 
-    def set_world(text: str) -> None:
-        with exclusive(machine):
-            machine.tick(time.monotonic())
-            machine.set_environment(text)
-
+    line = servers[-1]
+    assert line.faults is not None
     with ExitStack() as stack:
         for server in servers:
             stack.enter_context(server)
-        serve_panel(machine.device, servers[-1].url, writable=True, set_world=set_world)
+        serve_panel(machine.device, line.url, writable=True, world=SimulatedWorld(machine, line.faults))
     for server in servers:
         if server.failure is not None:
             raise server.failure

@@ -15,11 +15,12 @@ from __future__ import annotations
 
 from collections.abc import Callable
 from dataclasses import dataclass, field
-from math import inf, isnan, nan
+from functools import partial
+from math import inf
 from typing import NamedTuple
 
+from barewire.devices.sim.machine import SWITCH, EnvironmentProperty, Form, number
 from barewire.devices.sim.store import MachineClock, MachineStore
-from barewire.errors import EncodeError, suggest
 
 REVOLUTION = 12_800
 """Steps of a revolution: Step Revolution (1081) has no other value."""
@@ -30,6 +31,9 @@ class Span(NamedTuple):
 
     low: float
     high: float
+
+    def __str__(self) -> str:
+        return f"{self.low:.10g}:{self.high:.10g}"
 
 
 _HOME_SWITCH = Span(25_600, 26_880)
@@ -84,66 +88,45 @@ class Environment:
         """Whether the motor may have no current (CSD MT S4, ch. 13)."""
         return self.model == "S4" and not all(self.sto)
 
-    def put(self, text: str) -> None:
-        """Set one attribute by its name, NAME=VALUE as at a command line. Raises EncodeError for everything else.
+    def properties(self) -> tuple[EnvironmentProperty, ...]:
+        """Return what can be set by name, with the present values.
 
-        >>> environment = Environment()
-        >>> for text in ("I0=1000:1200", "I3=on", "walls=-50000:50000", "pull-out=20000", "volts=0", "model=S4"):
-        ...     environment.put(text)
-        >>> environment.inputs[0], environment.inputs[3], environment.pull_out
-        (Span(low=1000.0, high=1200.0), True, 20000.0)
+        >>> [(row.name, row.text) for row in Environment().properties()][:2]
+        [('I0', '25600:26880'), ('I1', 'off')]
         """
-        name, _, value = text.partition("=")
-        name, value = name.strip().lower().replace("-", "_"), value.strip()
-        if name in ("i0", "i1", "i2", "i3", "i4"):
-            self.inputs[int(name[1])] = _switch(text, value)
-        elif name == "walls":
-            self.walls = _span(text, value)
-        elif name == "model":
-            if value.upper() not in _MODELS:
-                raise EncodeError(f"{text!r}: expected one of {', '.join(_MODELS)}")
-            self.model = value.upper()
-        elif name in _NUMBERS:
-            number = _number(text, value)
-            if name == "encoder" and not number.is_integer():
-                raise EncodeError(f"{text!r}: expected a whole number behind =, found {value!r}")
-            setattr(self, name, int(number) if name == "encoder" else number)
-        else:
-            known = ["walls", "model", *(number.replace("_", "-") for number in _NUMBERS)]
-            expected = f"expected NAME=VALUE with a name of I0 to I4, {', '.join(known)}"
-            raise EncodeError(f"{text!r}: {expected}{suggest(name.replace('_', '-'), known)}")
+        of, wiring = EnvironmentProperty.of, "on, off, or a switch that is ON from LOW to HIGH"
+        return (
+            *(
+                EnvironmentProperty(f"I{place}", wiring, _WIRE, wire, partial(self.inputs.__setitem__, place))
+                for place, wire in enumerate(self.inputs)
+            ),
+            of(self, "walls", "the mechanical end stops", _SPAN),
+            of(self, "pull_out", "the speed above which steps are lost, from the load", number()),
+            of(self, "friction", "the deceleration of a shaft without current, step/s²", number()),
+            of(self, "encoder", "counts of the encoder per revolution; 0: none", number(0, read=int)),
+            of(self, "index", "where its index pulse begins", number()),
+            of(self, "ambient", "°C around the drive", number()),
+            of(self, "volts", "volts of the power section; 0: none", number()),
+            of(self, "model", "CSD MT 94 or CSD MT S4", _MODEL),
+        )
 
 
-_MODELS = ("94", "S4")
-_NUMBERS = ("pull_out", "friction", "encoder", "index", "ambient", "volts")
-
-
-def _number(text: str, value: str) -> float:
-    try:
-        number = float(value)
-    except ValueError:
-        number = nan
-    if isnan(number):  # "nan" itself is refused too; "inf" is a number here: no wall, no load
-        raise EncodeError(f"{text!r}: expected a number behind =, found {value!r}")
-    return number
-
-
-def _span(text: str, value: str) -> Span:
-    low, colon, high = value.partition(":")
-    if not colon:
-        raise EncodeError(f"{text!r}: expected LOW:HIGH behind =, found {value!r}")
-    span = Span(_number(text, low or "-inf"), _number(text, high or "inf"))
+def _span(text: str) -> Span:
+    """Return the span of LOW:HIGH, either of which may be missing."""
+    low, high = text.split(":")
+    span = Span(float(low or "-inf"), float(high or "inf"))
     if not span.low < span.high:
-        raise EncodeError(f"{text!r}: expected LOW below HIGH")
+        raise ValueError(text)
     return span
 
 
-def _switch(text: str, value: str) -> Span | bool:
-    if value.lower() in ("on", "off"):
-        return value.lower() == "on"
-    if ":" not in value:
-        raise EncodeError(f"{text!r}: expected on, off, or LOW:HIGH for a switch, found {value!r}")
-    return _span(text, value)
+def _wire(text: str) -> Span | bool:
+    return SWITCH.read(text.lower()) if ":" not in text else _span(text)
+
+
+_SPAN = Form("LOW:HIGH, the lower one first,", _span)
+_WIRE = Form("on, off, or LOW:HIGH for a switch", _wire)
+_MODEL = Form("94 or S4", {"94": "94", "S4": "S4", "s4": "S4"}.__getitem__, ("94", "S4"))
 
 
 TimedAction = tuple[float, Callable[[], None]]

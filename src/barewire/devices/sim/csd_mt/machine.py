@@ -41,7 +41,7 @@ from barewire.devices.sim.csd_mt.environment import FOLLOWING, NO_POWER, Context
 from barewire.devices.sim.csd_mt.inputs import Edges, Inputs
 from barewire.devices.sim.csd_mt.registers import ServiceRegisters, ThermalModel
 from barewire.devices.sim.csd_mt.shaft import Shaft
-from barewire.devices.sim.machine import Simulator
+from barewire.devices.sim.machine import EnvironmentProperty, Simulator
 from barewire.devices.sim.modbus import ModbusAdapter
 from barewire.devices.sim.store import Declined
 from barewire.modbus.messages.base import Response
@@ -153,9 +153,9 @@ class CsdMt(Simulator):
 
     # Environment
 
-    def set_environment(self, text: str) -> None:
-        """Set one attribute of the environment: I0=30000:31000, walls=-60000:60000, volts=0 ..."""
-        self.environment.put(text)
+    def environment_properties(self) -> tuple[EnvironmentProperty, ...]:
+        """Return the attributes of the environment."""
+        return self.environment.properties()
 
     def supply(self, on: bool, now: float) -> None:
         """Switch the supply of the power section (48 V) on or off; the logic has a supply of its own."""

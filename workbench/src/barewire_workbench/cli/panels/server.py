@@ -5,7 +5,7 @@
     GET  /events         ?name=A&name=B: what changes, as server-sent events, while the connection is open
     GET  /frame          ?number=N: a frame field by field
     POST /plan  /write   {"name": ..., "text": ...}: the frames that would be sent; sent, and what the device has then
-    POST /world          NAME=VALUE: a property of the environment of a machine that is simulated here
+    POST /world  /fault  likewise: the environment of a machine that is simulated here, and the faults of its line
 
 A request must name this machine as its host, which a page of another site cannot (DNS rebinding), and must not come
 from another origin. Writing needs the token of the printed URL, which stands behind its # and is sent in a header only.
@@ -20,7 +20,6 @@ import hmac
 import json
 import secrets
 import socket
-from collections.abc import Callable
 from contextlib import suppress
 from importlib.resources import files
 from typing import Any, cast
@@ -36,6 +35,7 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.ports.network import reason
 from barewire_workbench.cli.dry_run import address_text, frames_of, raw_text
 from barewire_workbench.cli.panels.line import Busy, PanelLine
+from barewire_workbench.cli.panels.world import SimulatedWorld
 from barewire_workbench.cli.shown_frames import ShownFrames
 from barewire_workbench.cli.value_text import parse_value
 
@@ -66,7 +66,7 @@ _NAMES = 100
 class PanelServer:
     """The page of one machine. `start` opens the port on loopback. `token` is None if nothing may be written.
 
-    `set_world` sets a property of the environment of a simulated machine, NAME=VALUE.
+    `world` is the environment of a machine that is simulated here.
     """
 
     def __init__(
@@ -74,11 +74,11 @@ class PanelServer:
         line: PanelLine,
         *,
         writable: bool,
-        set_world: Callable[[str], None] | None = None,
+        world: SimulatedWorld | None = None,
         stalled: float = _STALLED,
     ) -> None:
         self.line = line
-        self._set_world = set_world
+        self._world = world
         self.token = secrets.token_urlsafe(16) if writable else None
         self.viewers = 0
         self.url = ""
@@ -177,11 +177,13 @@ class PanelServer:
         self.viewers += 1
         try:
             with self.line.look_at(readable):
-                revision = 0
+                revision, world = 0, None
                 while not writer.is_closing():
                     changed = self._changed
                     event = self.line.changes_since(revision, readable)
                     revision = event["revision"]
+                    if self._world is not None and (state := self._world.state()) != world:
+                        event["world"] = world = state
                     writer.write(f"data: {json.dumps(event)}\n\n".encode())
                     async with asyncio.timeout(self._stalled):
                         await writer.drain()
@@ -200,13 +202,14 @@ class PanelServer:
         app.get("/<name>")(_file)
         app.post("/plan")(self._plan)
         app.post("/write")(self._write)
-        app.post("/world")(self._world)
+        app.post("/world")(self._set_world)
+        app.post("/fault")(self._set_world)
         return app
 
     async def _device(self, request: Request) -> Response:
         described = description(self.line.device, self.line.endpoint) | {
             "writable": self.token is not None,
-            "world": self._set_world is not None,
+            "world": self._world is not None,
         }
         return _answer(described)
 
@@ -248,31 +251,38 @@ class PanelServer:
             return _problem(str(error), 400)
         return _answer({"result": f"{parameter.name} = {parameter.text(value)}, {result}"})
 
-    async def _world(self, request: Request) -> Response:
-        """Set a property of the environment."""
-        text = (request.body or b"").decode(errors="replace")
-        if self._set_world is None:
+    async def _set_world(self, request: Request) -> Response:
+        """Set a property of the environment, or the faults of one kind."""
+        if self._world is None:
             return _problem("this machine is not simulated here", 404)
         try:
-            self._set_world(text)
+            name, text = _named_text(request)
+            (self._world.set_fault if request.path == "/fault" else self._world.set)(name, text)
         except BarewireError as error:
             return _problem(str(error), 400)
-        return _answer({"result": text})
+        self._notify()
+        return _answer({"result": f"{name}: {text or 'off'}"})
 
     def _asked(self, request: Request) -> tuple[Parameter, Any]:
         """Return the parameter and the value of a request. Raises BarewireError for what cannot be written."""
-        try:
-            body = json.loads(request.body or b"")
-        except ValueError:
-            body = None
-        if not isinstance(body, dict) or not all(isinstance(body.get(key), str) for key in ("name", "text")):
-            raise BarewireError('expected {"name": TEXT, "text": TEXT}')
-        parameter = self.line.device.find(body["name"])
-        if body["text"].startswith("@") and parameter.type in ("octets", "domain"):
+        name, text = _named_text(request)
+        parameter = self.line.device.find(name)
+        if text.startswith("@") and parameter.type in ("octets", "domain"):
             raise BarewireError(f"{parameter.name}: a browser names no file of this machine: expected bytes")
-        value = parse_value(parameter, body["text"])
+        value = parse_value(parameter, text)
         ((parameter, _),) = to_write(self.line.device, {parameter.name: value}, False)
         return parameter, value
+
+
+def _named_text(request: Request) -> tuple[str, str]:
+    """Return the name and the text of a request. Raises BarewireError."""
+    try:
+        body = json.loads(request.body or b"")
+    except ValueError:
+        body = None
+    if not isinstance(body, dict) or not all(isinstance(body.get(key), str) for key in ("name", "text")):
+        raise BarewireError('expected {"name": TEXT, "text": TEXT}')
+    return body["name"], body["text"]
 
 
 class _Drained:

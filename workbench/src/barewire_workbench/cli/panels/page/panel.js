@@ -4,6 +4,7 @@
 import { element } from "./dom.js";
 import { showDrive } from "./drive.js";
 import { Scope } from "./scope.js";
+import { showWorld } from "./world.js";
 
 const at = (id) => document.getElementById(id);
 const token = location.hash.slice(1);
@@ -12,7 +13,7 @@ const KEPT = 300;  // frames in the list
 let device, stream, polls, chosen = null;
 const rows = new Map();  // name -> cell of its value
 const latest = new Map();  // name -> [value, text, problem]
-let held = false, seen = 0, scope, takeStatus = () => {};
+let held = false, seen = 0, scope, takeStatus = () => {}, takeWorld = () => {};
 
 async function asked(path, options) {
   const response = await fetch(path, options);
@@ -21,8 +22,8 @@ async function asked(path, options) {
   return answer;
 }
 
-const sent = (path, body) => asked(path, { method: "POST", headers: { "X-Token": token }, body });
-const posted = (path, value) => sent(path, JSON.stringify(value));
+const posted = (path, value) =>
+  asked(path, { method: "POST", headers: { "X-Token": token }, body: JSON.stringify(value) });
 
 // Values
 
@@ -81,6 +82,7 @@ function take(event) {
   }
   if (event.alive && event.polls !== polls) scope.take(event.at, scope.names.map((name) => latest.get(name)?.[0]));
   polls = event.polls;
+  if (event.world) takeWorld(event.world);
   if (!held) showFrames(event.frames.filter(([number]) => number > seen));
   seen = Math.max(seen, event.revision);
 }
@@ -205,18 +207,7 @@ if (device.drive) {
   const control = parameters.find((row) => row.name === device.drive.control);
   takeStatus = showDrive(at("drive"), device.drive, device.writable && control ? (text) => openWrite(control, text) : null);
 }
-at("world").hidden = !device.world;
-at("world").querySelector("form").onsubmit = async (event) => {
-  event.preventDefault();
-  const status = at("world").querySelector("[role=status]");
-  try {
-    status.textContent = `set: ${(await sent("world", event.target.elements.text.value)).result}`;
-    status.className = "good";
-  } catch (error) {
-    status.textContent = error.message;
-    status.className = "bad";
-  }
-};
+if (device.world) takeWorld = showWorld(at("world"), (path, name, text) => posted(path, { name, text }));
 // The group that opens: that with most values which only the machine changes.
 const measured = (group) => device.groups[group].filter((parameter) => parameter.access === "ro").length;
 at("group").value = Object.keys(device.groups).reduce((best, group) => (measured(group) > measured(best) ? group : best));
