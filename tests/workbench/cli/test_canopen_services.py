@@ -83,7 +83,15 @@ def test_nmt_shows_the_state_that_the_heartbeat_reports(bus: CanopenClient) -> N
 def test_nmt_of_a_node_that_is_silent_or_stays(bus: CanopenClient) -> None:
     done = run_here("canopen", "nmt", url(bus), "start", "7", "--wait", "0.05")
     assert (done.returncode, done.stdout) == (0, "")
-    assert "start was sent to node 7; no heartbeat came within 0.05 s, so the state is not known" in done.stderr
+    sent = "start was sent to node 7, which no node confirms; no heartbeat came within 0.05 s"
+    assert f"{sent}, so the state is not known" in done.stderr
+    done = run_here("canopen", "nmt", url(bus), "start", "7", "--wait", "0.05", "--verify")
+    assert (done.returncode, f"{sent}, and it did not answer, so" in done.stderr) == (1, True)
+    done = run_here("canopen", "nmt", url(bus), "start", "all", "--wait", "0.05", "--verify")
+    assert (done.returncode, "start was sent to the nodes, which" in done.stderr) == (1, True)
+    with bus.host(fan(7, heartbeat=0)):  # it answers node guarding
+        text = output_of("canopen", "nmt", url(bus), "start", "7", "--wait", "0.5", "--verify")
+        assert text == "node 7: operational\n"
     with sent_again_and_again(lambda: bus.send(CanFrame(0x707, b"\x7f"))):
         done = run_here("canopen", "nmt", url(bus), "start", "7", "--wait", "0.5")
     assert (done.returncode, done.stdout) == (1, "node 7: pre-operational\n")
@@ -91,6 +99,24 @@ def test_nmt_of_a_node_that_is_silent_or_stays(bus: CanopenClient) -> None:
     assert "expected a number in 1..127, or all" in error_of("canopen", "nmt", url(bus), "start", "128", status=2)
     assert "did you mean 'start'" in error_of("canopen", "nmt", url(bus), "strat", "5", status=2)
     assert "expected can://" in error_of("canopen", "nmt", "tcp://127.0.0.1", "start", "5", status=2)
+
+
+def test_heartbeats_are_listed_with_each_change(bus: CanopenClient) -> None:
+    with sent_again_and_again(lambda: bus.send(CanFrame(0x707, b"\x7f"))):
+        assert output_of("canopen", "heartbeat", url(bus), "--count", "1") == "node 7: pre-operational\n"
+        row = json.loads(output_of("canopen", "heartbeat", url(bus), "--count", "1", "--json"))
+        assert row == {"node": 7, "state": 127, "text": "pre-operational"}
+    with sent_again_and_again(lambda: bus.send(CanFrame(0x707, b"\x00"))):
+        assert output_of("canopen", "heartbeat", url(bus), "--count", "1") == "node 7: booted\n"
+    assert "no heartbeat came" in run_here("canopen", "heartbeat", url(bus), "--for", "0.02").stderr
+
+
+def test_sync_once_and_again(bus: CanopenClient) -> None:
+    with bus.frames((0x80, False)) as frames:
+        assert run_here("canopen", "sync", url(bus)).stderr == "barewire: 1 SYNC sent\n"
+        assert run_here("canopen", "sync", url(bus), "--every", "0.01", "--count", "3").returncode == 0
+        assert len([frames.get(0.0) for _ in range(4)]) == 4
+        assert frames.get(0.0) is None
 
 
 def test_lss_finds_and_assigns(bus: CanopenClient) -> None:
@@ -163,7 +189,7 @@ def test_pdo_shows_values_by_the_mapping_of_the_node(bus: CanopenClient) -> None
         bus.node(5).nmt.start()
         lines = output_of("canopen", "pdo", url(bus, 5), "--count", "1").splitlines()
         assert lines == [
-            "TPDO1 185h: 6041h:00, 60FFh:00",
+            "TPDO1 185h: 6041h:00, 60FFh:00; at every SYNC",
             "RPDO1 205h: 60FFh:00",
             "TPDO1: 6041h:00 = 1591; 60FFh:00 = 4294967294",
         ]
@@ -173,13 +199,21 @@ def test_pdo_shows_values_by_the_mapping_of_the_node(bus: CanopenClient) -> None
         assert row["values"] == {"STATUS WORD": 1591, "TARGET VELOCITY": -2}
 
 
+def test_pdo_without_sync_says_what_is_missing(bus: CanopenClient) -> None:
+    with bus.host(fan()):
+        bus.node(5).nmt.start()
+        text = run_here("canopen", "pdo", url(bus, 5), "--for", "0.02").stderr
+    assert "no PDO came" in text
+    assert "for a SYNC wait TPDO1: barewire canopen sync" in text
+
+
 def test_pdo_of_a_file_sends_nothing(bus: CanopenClient, tmp_path: Path) -> None:
     file = tmp_path / "az3.dcf"
     document = eds.to_dcf(export(load("az3")), 5, {(0x1A00, 0): 1, (0x1A00, 1): 0x60410010})
     file.write_bytes(document.encode())
     with sent_again_and_again(lambda: bus.send(CanFrame(0x185, b"\x37\x06"))):
         lines = output_of("canopen", "pdo", url(bus), str(file), "--count", "1").splitlines()
-        assert "TPDO1 185h: STATUS WORD" in lines
+        assert "TPDO1 185h: STATUS WORD; at every SYNC" in lines
         assert lines[-1] == "TPDO1: STATUS WORD = 1591"
     with sent_again_and_again(lambda: bus.send(CanFrame(0x185, b"\x37"))):
         assert ": 37: " in output_of("canopen", "pdo", url(bus), str(file), "--count", "1").splitlines()[-1]

@@ -270,6 +270,11 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("canopen", "emcy", "can://memory/x", "--for", "-1"), "expected seconds, above 0"),
     (("canopen", "pdo", "can://memory/x", "--count", "0"), "0 is not in the range x>=1"),
     (("canopen", "nmt", "can://memory/x", "start", "5", "--wait", "x"), "--wait"),
+    (("canopen", "nmt", TCP, "start", "5", "--verify"), "expected can://"),
+    (("canopen", "heartbeat", "can://memory/x", "--for", "0"), "expected seconds, above 0"),
+    (("canopen", "heartbeat", "can://memory/x", "--count", "0"), "0 is not in the range x>=1"),
+    (("canopen", "sync", "can://memory/x", "--every", "0"), "expected seconds, above 0"),
+    (("canopen", "sync", "can://memory/x", "--count", "3"), "--count: expected --every"),
     (
         ("canopen", "lss", "assign", "can://memory/x", "5", "--address", "1-2"),
         "expected VENDOR-PRODUCT-REVISION-SERIAL",

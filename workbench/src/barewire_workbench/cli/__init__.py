@@ -29,7 +29,7 @@
     replay            `replay`: a recording of a CAN bus against a device or a client
     conform           `conform`: a server or a CANopen device against the standard
     canopen           `canopen`: a device compared with its DCF, and configured; a network booted
-    canopen_services  `canopen nmt`, `lss`, `emcy`, `pdo`: the services of a bus by hand
+    canopen_services  `canopen nmt`, `heartbeat`, `sync`, `lss`, `emcy`, `pdo`: the services of a bus by hand
     canopen_gateway   `canopen-gateway`: a CANopen network as text over TCP
     eds               `eds`: export and check electronic data sheets
     vectors           `vectors`: the reference vectors, listed and run against any implementation

@@ -14,7 +14,14 @@ from barewire.canopen.eds import parse
 from barewire.errors import BarewireError, EncodeError, shown
 from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.arguments import CommandGroup, endpoint_argument
-from barewire_workbench.cli.canopen_services import emcy_command, lss_command, nmt_command, pdo_command
+from barewire_workbench.cli.canopen_services import (
+    emcy_command,
+    heartbeat_command,
+    lss_command,
+    nmt_command,
+    pdo_command,
+    sync_command,
+)
 from barewire_workbench.cli.output import Output, file_content, output_option, print_json, status_line
 
 if TYPE_CHECKING:
@@ -32,7 +39,7 @@ def canopen_command() -> None:
     """Configure devices, boot a network; NMT, LSS, emergencies, PDOs."""
 
 
-for _command in (nmt_command, lss_command, emcy_command, pdo_command):
+for _command in (nmt_command, heartbeat_command, sync_command, lss_command, emcy_command, pdo_command):
     canopen_command.add_command(_command)
 
 

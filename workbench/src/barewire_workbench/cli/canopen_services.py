@@ -1,10 +1,11 @@
-"""The services of a CANopen bus by hand: `barewire canopen nmt`, `lss`, `emcy` and `pdo`."""
+"""The services of a CANopen bus by hand: `barewire canopen nmt`, `heartbeat`, `sync`, `lss`, `emcy` and `pdo`."""
 
 from __future__ import annotations
 
+import math
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager
+from contextlib import contextmanager, suppress
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -15,7 +16,7 @@ from barewire_workbench.cli.output import Output, file_content, note, output_opt
 
 if TYPE_CHECKING:
     from barewire import CanopenClient
-    from barewire.canopen import EmcyEvent, NodeState, PdoReceived, RemotePdo
+    from barewire.canopen import EmcyEvent, NodeState, PdoConfig, PdoReceived, RemotePdo
     from barewire.canopen.lss.messages import LssAddress
     from barewire.canopen.object_dictionary import ObjectDictionary
     from barewire.devices import Device
@@ -77,15 +78,17 @@ _STATES = {"start": 0x05, "stop": 0x04, "preop": 0x7F, "reset": 0x00, "reset-com
 @click.argument("command", type=Choice(list(_COMMANDS)))
 @click.argument("node", required=False, metavar="[NODE|all]")
 @click.option("--wait", type=duration, default=2.0, show_default=True, help="Seconds to wait for heartbeats.")
+@click.option("--verify", is_flag=True, help="Ask a node without heartbeat for its state; status 1 if none tells it.")
 @output_option
-def nmt_command(endpoint: str, command: str, node: str | None, wait: float, output: Output) -> int:
+def nmt_command(endpoint: str, command: str, node: str | None, wait: float, verify: bool, output: Output) -> int:
     """Send an NMT command, and show the states that nodes report afterwards.
 
     NODE is by default that of ENDPOINT; `all` is every node. A node does not confirm the command: its heartbeat, or its
-    boot-up message after a reset, shows its state. Exit status 1 if it reports another state than that of the command.
+    boot-up message after a reset, shows its state. Exit status 1 if it reports another state than that of the command;
+    with --verify also if there is no such node: one that sends nothing is asked by node guarding.
 
     \b
-    barewire canopen nmt can://socketcan/can0 start 5
+    barewire canopen nmt can://socketcan/can0 start 5 --verify
     barewire canopen nmt can://socketcan/can0 reset-comm all
     """
     from barewire.canopen import NmtCommand, NodeState
@@ -110,19 +113,79 @@ def nmt_command(endpoint: str, command: str, node: str | None, wait: float, outp
                     reports[state.node] = state
                     if number and state.state == _STATES[command]:
                         break
+        if verify and number and not reports:
+            with suppress(NoAnswer):
+                reports[number] = client.node(number).nmt.state(timeout=wait)
     for reported in sorted(reports):
         state = reports[reported]
         text = "booted" if state.is_boot_up else state.name
         output.show(f"node {reported}: {text}", {"node": reported, "state": state.state, "text": text})
     if not reports:
-        who = f"node {number}" if number else "the nodes"
-        note(f"{command} was sent to {who}; no heartbeat came within {wait:g} s, so the state is not known")
+        who, guarded = (f"node {number}", ", and it did not answer") if number else ("the nodes", "")
+        told = f"no heartbeat came within {wait:g} s{guarded if verify else ''}"
+        note(f"{command} was sent to {who}, which no node confirms; {told}, so the state is not known")
+        return int(verify)
     return int(any(not _is_reached(command, state) for state in reports.values()))
 
 
 def _is_reached(command: str, state: NodeState) -> bool:
     # After its boot-up message a node goes on to pre-operational, some of them to operational.
     return command.startswith("reset") or state.state == _STATES[command]
+
+
+@click.command("heartbeat")
+@endpoint_argument
+@_seconds_option
+@_count_option
+@output_option
+def heartbeat_command(endpoint: str, seconds: float | None, count: int | None, output: Output) -> None:
+    """Show the nodes that send heartbeats, their states and each change of them, until Ctrl-C. Nothing is sent.
+
+    \b
+    barewire canopen heartbeat can://socketcan/can0 --for 2
+    node 5: pre-operational
+    """
+    from barewire.canopen import NodeState
+
+    is_silent = True
+    with _client(endpoint) as client, client.nmt.heartbeats() as stream:
+        for event in _events(stream, seconds, count):
+            is_silent, state = False, NodeState(event.node, event.state or 0).name
+            text = state if event.kind in ("active", "state") else event.kind
+            output.show(f"node {event.node}: {text}", {"node": event.node, "state": event.state, "text": text})
+    if is_silent:
+        note("no heartbeat came: a node sends none while its heartbeat time (1017h) is 0")
+
+
+# SYNC
+
+
+@click.command("sync")
+@endpoint_argument
+@click.option("--every", type=duration, metavar="S", help="Send one every S seconds, until Ctrl-C.")
+@click.option("--count", type=click.IntRange(min=1), help="With --every: end after so many.")
+def sync_command(endpoint: str, every: float | None, count: int | None) -> None:
+    """Send SYNC, at which nodes send and take over their synchronous PDOs: once, or with --every again and again.
+
+    A bus has one that sends SYNC: see `barewire sniff` first.
+
+    \b
+    barewire canopen sync can://socketcan/can0
+    barewire canopen sync can://socketcan/can0 --every 0.1 --count 50
+    """
+    if every is None and count is not None:
+        raise click.UsageError("--count: expected --every, the seconds between two SYNC")
+    with _client(endpoint) as client:
+        begin, sent = time.monotonic(), 0
+        try:
+            while sent < (count or (1 if every is None else math.inf)):
+                time.sleep(max(0.0, begin + sent * (every or 0.0) - time.monotonic()))
+                client.sync.send()
+                sent += 1
+        except KeyboardInterrupt:
+            if count is not None:
+                raise
+    note(f"{sent} SYNC sent")
 
 
 # LSS
@@ -377,10 +440,16 @@ def pdo_command(
         pdos = _pdos_of_node(client, number, names) if pdos is None else pdos
         if not pdos:
             raise EncodeError(f"node {number} has no PDO that is switched on")
-        output.text(*(f"{pdo.pdo.direction}{pdo.pdo.number} {pdo.key[0]:03X}h: {_mapped(pdo)}" for pdo in pdos))
+        output.text(*(f"{_title(pdo.pdo)} {pdo.key[0]:03X}h: {_mapped(pdo)}{_when(pdo.pdo)}" for pdo in pdos))
+        is_silent = True
         with client.pdos(*pdos) as stream:
             for event in _events(stream, seconds, count):
+                is_silent = False
                 output.show(_pdo_text(event), _pdo_fields(event))
+    if is_silent:
+        waiting = ", ".join(_title(pdo.pdo) for pdo in pdos if pdo.pdo.direction == "TPDO" and "SYNC" in _when(pdo.pdo))
+        hint = f"; for a SYNC wait {waiting}: barewire canopen sync" if waiting else ""
+        note(f"no PDO came; a node sends them when it is operational: barewire canopen nmt{hint}")
 
 
 def _dictionary(client: CanopenClient, endpoint: str, file: str) -> tuple[int, ObjectDictionary]:
@@ -426,6 +495,26 @@ def _pdos_of_node(client: CanopenClient, number: int, names: Any) -> list[Remote
     return pdos
 
 
+def _title(pdo: PdoConfig) -> str:
+    return f"{pdo.direction}{pdo.number}"
+
+
+def _when(pdo: PdoConfig) -> str:
+    """Return when a PDO is sent, or takes effect; empty if that is at any time.   [CiA 301, transmission types]
+
+    >>> from barewire.canopen import PdoConfig
+    >>> [_when(PdoConfig("TPDO", 1, (), type=kind)) for kind in (0, 1, 5, 255)]
+    ['; at a SYNC, if it has changed', '; at every SYNC', '; once in 5 SYNC', '']
+    """
+    if pdo.type > 240:
+        return {252: "; on request, with the values of the last SYNC", 253: "; on request"}.get(pdo.type, "")
+    if pdo.direction == "RPDO":
+        return "; takes effect at the next SYNC"
+    if pdo.type == 0:
+        return "; at a SYNC, if it has changed"
+    return "; at every SYNC" if pdo.type == 1 else f"; once in {pdo.type} SYNC"
+
+
 def _mapped(pdo: RemotePdo) -> str:
     return ", ".join(entry.name for entry in pdo.mapping.entries) or "nothing"
 
@@ -433,14 +522,12 @@ def _mapped(pdo: RemotePdo) -> str:
 def _pdo_text(event: PdoReceived) -> str:
     from barewire.devices.parameter import show
 
-    pdo = event.source.pdo
-    title = f"{pdo.direction}{pdo.number}"
+    title = _title(event.source.pdo)
     if event.values is None:
         return f"{title}: {event.data.hex(' ').upper()}: {event.why}"
     return f"{title}: " + "; ".join(f"{name} = {show(value)}" for name, value in event.values.items())
 
 
 def _pdo_fields(event: PdoReceived) -> dict[str, object]:
-    pdo = event.source.pdo
-    fields = {"node": event.node, "pdo": f"{pdo.direction}{pdo.number}", "data": event.data.hex(" ").upper()}
+    fields = {"node": event.node, "pdo": _title(event.source.pdo), "data": event.data.hex(" ").upper()}
     return fields | ({"error": event.why} if event.values is None else {"values": event.values})
