@@ -5,6 +5,7 @@ from __future__ import annotations
 import csv
 import errno
 import json
+import math
 import os
 import re
 import signal
@@ -27,7 +28,7 @@ from barewire.modbus import Table
 from barewire_workbench.cli.plot import check_plot_file, draw_plot
 from barewire_workbench.live.disk import DiskFile, LocalDisk
 from barewire_workbench.value_log.csv_file import CsvFile
-from barewire_workbench.value_log.reader import Curve
+from barewire_workbench.value_log.reader import Curve, broken
 from barewire_workbench.value_log.sqlite_file import SqliteFile
 from tests.helpers import free_port, refused
 from tests.workbench.cli.helpers import (
@@ -261,6 +262,32 @@ def test_a_log_of_two_machines_is_appended_to_and_drawn(tmp_path: Path) -> None:
     assert "no column 'Speed': expected one of csd-mt: Current Ratio, adxl: Status" in error_of(
         "plot", str(path), "--name", "Speed", status=2
     )
+
+
+@pytest.mark.parametrize(
+    ("options", "drawn"), [((), [1.0, 2.0, math.nan, 4.0, math.nan, 5.0, 6.0]), (("--connect",), None)]
+)
+def test_a_curve_is_broken_where_rows_or_values_are_missing(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch, options: tuple[str, ...], drawn: list[float] | None
+) -> None:
+    """Row 3 has an error in place of a value; between 4 and 5 are 4 s."""
+    log = tmp_path / "night.csv"
+    curves: list[Curve] = []
+    cells = [("00", 1), ("01", 2), ("02", ""), ("03", 4), ("07", 5), ("08", 6)]
+    rows = [f"2026-11-28T03:00:{second}.000+01:00,{value},{'' if value else 'no answer'}" for second, value in cells]
+    log.write_text("\n".join(["time,Speed [rpm],error", *rows, ""]))
+    monkeypatch.setattr("barewire_workbench.cli.plot.draw_plot", lambda name, file, given: curves.extend(given))
+    assert run_here("plot", str(log), *options).returncode == 0
+    expected = drawn or [1.0, 2.0, math.nan, 4.0, 5.0, 6.0]
+    assert str(curves[0].values) == str(expected)
+    assert len(curves[0].times) == len(expected)
+
+
+def test_a_log_with_another_period_later_is_not_broken() -> None:
+    begin = datetime(2026, 11, 28)
+    seconds = [*range(50), *range(52, 152, 2)]
+    curve = Curve("Speed", "rpm", [begin + timedelta(seconds=second) for second in seconds], [1.0] * len(seconds))
+    assert broken(curve) == curve
 
 
 def test_a_machine_that_cannot_be_reached_has_rows_that_say_so(tmp_path: Path) -> None:

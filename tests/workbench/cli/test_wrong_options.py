@@ -104,6 +104,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     ((*WATCH, "out.csv", "--csv"), "barewire watch ... --to out.csv"),
     # plot
     (("plot",), "Missing argument 'FILE...'"),
+    (("plot", "--connect"), "Missing argument 'FILE...'"),
     (("plot", "x.csv", "--name", "Speed", "--to", "x.bmp"), "expected a name that ends in .svg, .png, .pdf"),
     # simulate
     (("simulate", "adlx", "tcp://127.0.0.1:0"), "did you mean 'adxl'?"),

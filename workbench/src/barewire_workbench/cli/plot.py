@@ -10,7 +10,7 @@ import click
 
 from barewire.errors import EncodeError, PortError
 from barewire_workbench.cli.output import note, port_error
-from barewire_workbench.value_log.reader import Curve, read_logs
+from barewire_workbench.value_log.reader import Curve, broken, read_logs
 
 _FORMATS = (".svg", ".png", ".pdf")
 
@@ -21,11 +21,12 @@ _FORMATS = (".svg", ".png", ".pdf")
 @click.option(
     "--to", "path", metavar="FILE", help="Draw into this file: .svg, .png or .pdf; without, NAME.svg beside it."
 )
-def plot_command(files: tuple[str, ...], names: tuple[str, ...], path: str | None) -> None:
+@click.option("--connect", is_flag=True, help="Draw lines over gaps too, as for a log of watch --change.")
+def plot_command(files: tuple[str, ...], names: tuple[str, ...], path: str | None, connect: bool) -> None:
     """Draw a log that `barewire watch --to` wrote.
 
     FILE is a .csv or .db; several, such as the full files of a rotation, are drawn one behind the other. There is a
-    panel for each unit; where a value was not read, its curve has a gap.
+    panel for each unit. A curve has a gap where its value was not read, and where three intervals or more have no row.
 
     \b
     barewire plot night.csv
@@ -36,7 +37,7 @@ def plot_command(files: tuple[str, ...], names: tuple[str, ...], path: str | Non
     curves = read_logs(files, names)
     if not curves.curves:
         raise EncodeError(f"{', '.join(files)}: no numbers in it")
-    draw_plot(target, target, curves.curves)
+    draw_plot(target, target, curves.curves if connect else [broken(curve) for curve in curves.curves])
     note(f"{target}: {curves.count} rows" + (f", one in {curves.every} is drawn" if curves.every > 1 else ""))
 
 

@@ -8,6 +8,8 @@ import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
 from contextlib import closing
 from datetime import datetime
+from itertools import pairwise
+from statistics import median
 from typing import NamedTuple
 
 from barewire.codecs import Value
@@ -21,6 +23,8 @@ DATABASES = (".db", ".sqlite", ".sqlite3")
 _HEADING = re.compile(r"(?P<title>.+?)(?: \[(?P<unit>[^\[\]]*)\])?")
 """A name, and its unit in brackets."""
 _NOT_READ = float("nan")
+_NEAR = 10
+"""Rows before and behind a gap whose distances tell the interval of the log: a later run may have another one."""
 
 
 class Curve(NamedTuple):
@@ -36,6 +40,25 @@ class Curve(NamedTuple):
         """Whether it is drawn in steps: a plain number that is whole each time, such as a state, does not pass through
         the numbers between."""
         return not self.unit and all(value.is_integer() for value in self.values if value == value)
+
+
+def broken(curve: Curve) -> Curve:
+    """Return the curve with a break, a further NaN, wherever more than three intervals lie between two rows: nobody
+    knows what was there.
+
+    >>> rows = [datetime(2026, 11, 28, 3, 0, second) for second in (0, 1, 2, 6, 7)]
+    >>> broken(Curve("Speed", "rpm", rows, [1.0, 2.0, 3.0, 4.0, 5.0])).values
+    [1.0, 2.0, 3.0, nan, 4.0, 5.0]
+    """
+    distances = [(later - earlier).total_seconds() for earlier, later in pairwise(curve.times)]
+    times, values = curve.times[:1], curve.values[:1]
+    for place, distance in enumerate(distances):
+        if distance > 3 * median(distances[max(0, place - _NEAR) : place + _NEAR + 1]):
+            times.append(curve.times[place])
+            values.append(_NOT_READ)
+        times.append(curve.times[place + 1])
+        values.append(curve.values[place + 1])
+    return curve._replace(times=times, values=values)
 
 
 class Curves:
