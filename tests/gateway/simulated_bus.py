@@ -51,9 +51,10 @@ class SimulatedBus:
         """What a unit makes of an exchange."""
         if exchange.unit in self.silent:
             return NO_RESPONSE
-        table = self.units.setdefault(exchange.unit, Table(200))
+        if exchange.unit not in self.units:
+            self.units[exchange.unit] = Table(200)
         try:
-            response = table.handle(decode_request(exchange.request.pdu), self.now)
+            response = self.units[exchange.unit].handle(decode_request(exchange.request.pdu), self.now)
         except ModbusException as declined:
             return bytes((exchange.request.function_code | 0x80, declined.code))
         assert response is not None

@@ -23,7 +23,7 @@ time.ticks_diff = lambda a, b: (a - b + 2**29) % 2**30 - 2**29
 def sleep_us(microseconds):
     global NOW
     NOW += int(microseconds)
-    if NOW > 2**32:
+    if NOW > 2**30 + 2**24:
         raise SystemExit  # of a server, which runs for ever
 time.sleep_us = sleep_us
 async def sleep_ms(milliseconds):

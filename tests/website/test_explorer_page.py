@@ -7,8 +7,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterator
-from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 from urllib.parse import urlencode
 
 import pytest
@@ -18,8 +17,9 @@ from barewire.canopen import CanFrame
 from barewire.devices import load
 from barewire_workbench.eds.export import export
 from barewire_workbench.recordings.capture import file_header, packet_block, to_packet
+from tests.website.accessibility import SCREENS, serious_faults
 from tools.website.browser import chromium
-from tools.website.explorer import build, pyodide_folder
+from tools.website.explorer import build
 from tools.website.screenshots import served
 from tools.website.source import ROOT
 
@@ -56,13 +56,25 @@ def opened(browser: Browser, width: int, scheme: Literal["light", "dark"]) -> Pa
 
 @pytest.fixture(scope="module")
 def page(browser: Browser, address: str) -> Iterator[Page]:
-    """Yield a page with Python loaded; its errors and requests to others fail the test at the end."""
+    """Follow a link to a frame. The example is explained before Python is there, and the frame of the link then.
+
+    Errors of the page and its requests to others fail the test at the end.
+    """
     page = opened(browser, 1280, "light")
     errors: list[str] = []
     page.on("pageerror", lambda error: errors.append(str(error)))
     page.on("request", lambda request: None if _is_local(request.url, address) else errors.append(request.url))
-    page.goto(address)
+    held: list[Route] = []
+    page.route("**/package.zip", lambda route: held.append(route))  # a builtin has no place for playwright's marks
+    page.goto(f"{address}#view=frame&protocol=can&text=605%234041600000000000")
+    assert "CRC ok" in page.locator("#frame-result").inner_text()
+    assert page.get_by_role("progressbar", name="Loading Python").is_visible()
+    page.wait_for_function("document.getElementById('progress').value > 0")
+    held[0].continue_()
     page.wait_for_selector("#loading.done", state="attached")
+    assert not page.get_by_role("progressbar").is_visible()
+    expect(page.get_by_role("textbox", name="Frame", exact=True)).to_have_value("605#4041600000000000")
+    expect(said(page)).to_contain_text("SDO", timeout=_LOADED)
     yield page
     page.close()
     assert errors == []
@@ -81,24 +93,6 @@ def show(page: Page, view: str, **values: str) -> None:
 def said(page: Page) -> Locator:
     """Return the element whose text a screen reader says when a frame has been explained."""
     return page.locator("#frame-said")
-
-
-def test_the_example_is_explained_before_python_is_there_and_the_link_is_followed_then(
-    browser: Browser, address: str
-) -> None:
-    page = opened(browser, 1280, "light")
-    held: list[Route] = []
-    page.route("**/package.zip", lambda route: held.append(route))  # a builtin has no place for playwright's marks
-    page.goto(f"{address}#view=frame&protocol=can&text=605%234041600000000000")
-    assert "CRC ok" in page.locator("#frame-result").inner_text()
-    assert page.get_by_role("progressbar", name="Loading Python").is_visible()
-    page.wait_for_function("document.getElementById('progress').value > 0")
-    held[0].continue_()
-    page.wait_for_selector("#loading.done", state="attached")
-    assert not page.get_by_role("progressbar").is_visible()
-    expect(page.get_by_role("textbox", name="Frame", exact=True)).to_have_value("605#4041600000000000")
-    expect(said(page)).to_contain_text("SDO", timeout=_LOADED)
-    page.close()
 
 
 def test_python_that_cannot_be_loaded_is_said(browser: Browser, address: str) -> None:
@@ -262,23 +256,13 @@ def test_the_drive_moves_and_its_frames_lead_to_the_view_of_a_frame(page: Page) 
     expect(said(page)).to_contain_text("valid: a response from unit 1")
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize(("width", "scheme"), SCREENS)
 def test_nothing_serious_is_inaccessible_or_outside_the_screen(
     page: Page, width: int, scheme: Literal["light", "dark"]
 ) -> None:
     page.set_viewport_size({"width": width, "height": 900})
     page.emulate_media(color_scheme=scheme)
-    if not page.evaluate("'axe' in window"):
-        page.add_script_tag(path=Path(pyodide_folder()).parent / "axe-core" / "axe.min.js")
     for view in VIEWS:
         show(page, view)
         assert page.evaluate("document.documentElement.scrollWidth") <= width, view
-        found: dict[str, Any] = page.evaluate("axe.run({resultTypes: ['violations']})")
-        serious = [
-            f"{violation['id']}: {node['html'][:120]}"
-            for violation in found["violations"]
-            if violation["impact"] in ("serious", "critical")
-            for node in violation["nodes"]
-        ]
-        assert serious == [], view
+        assert serious_faults(page) == [], view

@@ -20,8 +20,8 @@ from barewire.devices.sim import MachineUnits, simulator
 from barewire_workbench.cli.panels.line import PanelLine, running
 from barewire_workbench.cli.panels.server import PanelServer
 from barewire_workbench.cli.panels.world import SimulatedWorld
+from tests.website.accessibility import SCREENS, serious_faults
 from tools.website.browser import chromium
-from tools.website.explorer import pyodide_folder
 
 pytestmark = [pytest.mark.needs("chromium"), pytest.mark.long]
 _LOADED = 60_000
@@ -207,13 +207,11 @@ def test_without_the_token_the_page_says_how_to_get_it(browser: Browser, url: st
     page.close()
 
 
-@pytest.mark.parametrize("scheme", ["light", "dark"])
-@pytest.mark.parametrize("width", [390, 1280])
+@pytest.mark.parametrize(("width", "scheme"), SCREENS)
 def test_nothing_serious_is_found_and_nothing_is_wider_than_the_page(
     browser: Browser, url: str, width: int, scheme: Literal["light", "dark"]
 ) -> None:
     page = opened(browser, url, width, scheme)
-    page.evaluate((Path(pyodide_folder()).parent / "axe-core" / "axe.min.js").read_text(encoding="utf-8"))
     page.get_by_label("Group").select_option("Motion")
     page.locator("#frames button").first.click()
     page.locator("#world details").evaluate("details => { details.open = true; }")
@@ -223,12 +221,5 @@ def test_nothing_serious_is_found_and_nothing_is_wider_than_the_page(
             page.get_by_role("button", name="Write Profile Velocity").click()
         assert page.evaluate("document.documentElement.scrollWidth") <= width, step
         assert page.evaluate("document.documentElement.scrollHeight - document.body.offsetHeight") < 40, step
-        found: dict[str, Any] = page.evaluate("axe.run({resultTypes: ['violations']})")
-        serious = [
-            f"{violation['id']}: {node['html'][:120]}"
-            for violation in found["violations"]
-            if violation["impact"] in ("serious", "critical")
-            for node in violation["nodes"]
-        ]
-        assert serious == [], step
+        assert serious_faults(page) == [], step
     page.close()

@@ -54,7 +54,7 @@ def browser() -> Iterator[Browser]:
         yield started
 
 
-@pytest.fixture(params=[390, 1280])
+@pytest.fixture(scope="module", params=[390, 1280])
 def page(browser: Browser, request: pytest.FixtureRequest) -> Iterator[Page]:
     opened = browser.new_page(viewport={"width": request.param, "height": 900}, color_scheme="dark")
     requests: list[str] = []

@@ -217,7 +217,7 @@ UNWRITABLE = "barewire: output: no space left on device\n"
 COMMANDS_THAT_PRINT = [
     ("--version",),
     ("--help",),
-    *((name, "--help") for name in COMMANDS),
+    ("eds", "--help"),
     ("demo",),
     ("devices",),
     ("devices", "adxl", "--json"),
