@@ -3,12 +3,10 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Any
 
 import pytest
 
-from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.canopen.client import CanopenClient
+from barewire.io.canopen import client_base
 from barewire.io.endpoint import Endpoint
 from tests.certificates import authority, leaf
 
@@ -41,6 +39,4 @@ def patient(monkeypatch: pytest.MonkeyPatch) -> None:
         return seconds(endpoint, name, 30.0 if name == "timeout" else default)
 
     monkeypatch.setattr(Endpoint, "seconds", at_least)
-    clients: list[Any] = [CanopenClient, AsyncCanopenClient]
-    for client in clients:
-        monkeypatch.setitem(client.__init__.__kwdefaults__, "timeout", 30.0)
+    monkeypatch.setattr(client_base, "DEFAULT_TIMEOUT", 30.0)  # of a bus that is given and not a URL
