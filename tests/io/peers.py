@@ -67,8 +67,12 @@ def honest(connection: socket.socket) -> None:
         connection.sendall(answer(read_exactly(connection, 12)))
 
 
-def again(run: Callable[[str], list[R]], first: str = "0.25", then: str = "2") -> list[R]:
+def again(run: Callable[[str], list[R]]) -> list[R]:
     """The results of a battery that takes a time-out in seconds: short at first, because many cases wait for it, and
     longer if anything failed, because the computer may have been busy."""
-    results: list[Any] = run(first)
-    return run(then) if any(result.failure for result in results) else results
+    results: Any = []
+    for patience in ("0.25", "2", "8"):
+        results = run(patience)
+        if not any(result.failure for result in results):
+            break
+    return list(results)

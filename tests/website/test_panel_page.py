@@ -142,6 +142,8 @@ def test_the_scope_records_once_a_value_passes_the_level_and_saves_csv_and_svg(b
     for name in ("Profile Velocity", "Status Word"):
         scope.get_by_label("Trace").select_option(name)
         scope.get_by_role("button", name="Add").click()
+    # What is kept from before the trigger is a tenth of this time: on a busy computer seconds pass between two polls.
+    scope.locator("[name=seconds]").fill("3600")
     scope.get_by_label("Run").select_option("rise")
     scope.get_by_label("Level").fill("30000")
     scope.get_by_label("Level").blur()

@@ -516,6 +516,8 @@ def test_a_client_that_never_reads_takes_no_memory_and_delays_no_other(way: str)
                         sent += greedy.send(MOST * 300)
                     except BlockingIOError:
                         stalled += 1
+                    except ConnectionResetError:  # a busy computer took the 30 s after which the system gives it up
+                        break
                     assert await client.read_holding_registers(0, 1) == (0,)  # meanwhile
                     most = max(most, server.connections.unsent)
             # The buffers of the system limit the requests; the answers to them would be a multiple.

@@ -375,7 +375,7 @@ def test_a_clock_time_ends_the_command() -> None:
         watch = ("watch", server.url, "raw", "holding:0", "--period", "50ms", "--csv")
         end = datetime.now().astimezone() + timedelta(seconds=1)
         assert 1 < len(output_of(*watch, "--until", end.isoformat()).splitlines()) < 25
-        assert len(output_of(*watch, "--for", "140ms").splitlines()) == 4
+        assert 1 < len(output_of(*watch, "--for", "140ms").splitlines()) <= 4  # a busy computer leaves out polls
         assert "that is over, now it is" in error_of(*watch, "--until", "2020-01-01", status=2)
         assert "expected a time such as 06:00" in error_of(*watch, "--until", "25:00", status=2)
 
