@@ -12,7 +12,10 @@ from contextlib import contextmanager, redirect_stderr, redirect_stdout
 from io import BytesIO, TextIOWrapper
 from unittest.mock import patch
 
+from barewire.devices.sim import simulator
+from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.app import run_command_line
+from barewire_workbench.cli.simulate import machine_server
 
 COMMAND = [sys.executable, "-m", "barewire"]
 ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
@@ -91,10 +94,12 @@ def simulated(*arguments: str, client_option: str = "timeout=30") -> Iterator[li
 
 
 @contextmanager
-def simulated_at(device: str, endpoint: str, client_option: str = "timeout=30") -> Iterator[str]:
-    """Simulate a device at one endpoint; yield its URL."""
-    with simulated(device, endpoint, client_option=client_option) as (url,):
-        yield url
+def simulated_at(device: str, url: str, client_option: str = "timeout=30") -> Iterator[str]:
+    """Simulate a machine of the catalogue at one endpoint, in threads of this process; yield its URL."""
+    endpoint = Endpoint.parse(url)
+    unit, node = endpoint.integer("unit", 0) or None, endpoint.integer("node", 0) or None
+    with machine_server(url, simulator(device, time.monotonic(), unit=unit, node=node)) as server:
+        yield with_option(server.url, client_option)
 
 
 def with_option(url: str, option: str) -> str:

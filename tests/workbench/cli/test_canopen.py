@@ -9,7 +9,7 @@ from barewire.canopen import concise_dcf, device_configuration, eds, encode_conc
 from barewire.devices import load
 from barewire_workbench.eds.export import export
 from tests.helpers import free_port
-from tests.workbench.cli.helpers import error_of, output_of, run_command, simulated_at
+from tests.workbench.cli.helpers import error_of, output_of, run_here, simulated_at
 
 
 def test_diff_dry_run_configure_and_no_differences(tmp_path: Path) -> None:
@@ -18,14 +18,12 @@ def test_diff_dry_run_configure_and_no_differences(tmp_path: Path) -> None:
     file.write_bytes(document.encode())
     with simulated_at("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5") as endpoint:
         bus = endpoint.replace("node=5&", "")  # the node-ID is that of the DCF
-        done = run_command("canopen", "diff", bus, str(file))
+        done = run_here("canopen", "diff", bus, str(file))
         lines = done.stdout.splitlines()
         assert (done.returncode, done.stderr) == (1, "")
         assert [line.partition(" ")[0] for line in lines] == ["1017h:00", "1800h:02"]
         assert lines[0].endswith(": device 1000, configuration 500")
-        rows = [
-            json.loads(line) for line in run_command("canopen", "diff", bus, str(file), "--json").stdout.splitlines()
-        ]
+        rows = [json.loads(line) for line in run_here("canopen", "diff", bus, str(file), "--json").stdout.splitlines()]
         assert (rows[0]["node"], rows[0]["object"], rows[0]["device"], rows[0]["configuration"]) == (
             5,
             "1017h:00",
@@ -104,13 +102,13 @@ def test_boot_a_network_of_a_manager(tmp_path: Path) -> None:
         assert dry == ["node 5: 1 value of the concise DCF", "the network could be ready"]
         lines = output_of("canopen", "boot", endpoint, str(plan(tmp_path)), "--no-start").splitlines()
         assert lines == ["node 5: booted, configured", "the network is ready"]
-        done = run_command("canopen", "boot", endpoint, str(plan(tmp_path, device_type=1)), "--boot-time", "3")
+        done = run_here("canopen", "boot", endpoint, str(plan(tmp_path, device_type=1)), "--boot-time", "3")
         assert (done.returncode, done.stderr) == (1, "")
         assert done.stdout.splitlines()[0].startswith(
             "node 5: C: another device type (1000h) than expected (1F84h): read "
         )
         assert done.stdout.splitlines()[-1] == "the network is not ready"
-        done = run_command("canopen", "boot", endpoint, str(plan(tmp_path, device_type=1)), "--dry-run")
+        done = run_here("canopen", "boot", endpoint, str(plan(tmp_path, device_type=1)), "--dry-run")
         assert (done.returncode, done.stdout.splitlines()[-1]) == (1, "the network would not be ready")
 
 

@@ -17,7 +17,7 @@ from barewire.io.ports.pty import PseudoTerminal
 from barewire.io.server.can import SocketcandHub
 from barewire.rtu import encode
 from tests.helpers import free_port, unhex
-from tests.workbench.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, run_command, run_here
+from tests.workbench.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, run_here
 
 READ, VALUES = encode(1, unhex("03 0000 0002")), encode(1, unhex("03 04 0017 0007"))
 
@@ -44,7 +44,7 @@ def test_a_good_log_has_one_line_and_the_status_0(tmp_path: Path) -> None:
 def test_findings_come_with_their_lines_and_only_the_first_of_a_kind_unless_all_are_wanted(tmp_path: Path) -> None:
     log = tmp_path / "noisy.log"
     log.write_text(poll(8, b"\0"))
-    done = run_command("diagnose", str(log))
+    done = run_here("diagnose", str(log))
     lines = done.stdout.splitlines()
     assert (done.returncode, done.stderr) == (1, "")
     assert lines[0] == (
@@ -56,14 +56,14 @@ def test_findings_come_with_their_lines_and_only_the_first_of_a_kind_unless_all_
         "verdict: bias resistors are missing: noise comes before frames [no-bias]: 8 of 8 responses had 1 byte of "
         "noise before them; it may also be a transmitter that is switched on before it sends, or a missing termination",
     ]
-    assert len(run_command("diagnose", str(log), "--all").stdout.splitlines()) == 9
+    assert len(run_here("diagnose", str(log), "--all").stdout.splitlines()) == 9
 
 
 @pytest.mark.parametrize("option", [("--json",), ("--format", "json")])
 def test_as_json_every_finding_and_verdict_is_an_object(option: tuple[str, ...], tmp_path: Path) -> None:
     log = tmp_path / "noisy.log"
     log.write_text(poll(8, b"\0"))
-    done = run_command("diagnose", str(log), *option)
+    done = run_here("diagnose", str(log), *option)
     objects = [json.loads(line) for line in done.stdout.splitlines()]
     assert [item["event"] for item in objects] == ["finding"] * 8 + ["verdict"]
     assert objects[0] | {"proof": ""} == {
@@ -84,12 +84,12 @@ def test_a_log_of_a_can_bus(tmp_path: Path) -> None:
     log = tmp_path / "can.log"
     frames = ["605#4341600000000000", "585#8041600001000405", "085#1042000000000000", "185#3706"]
     log.write_text("".join(f"({place}.000000) can0 {frame}\n" for place, frame in enumerate(frames)))
-    done = run_command("diagnose", str(log))
+    done = run_here("diagnose", str(log))
     assert [line.partition("[")[2].partition("]")[0] for line in done.stdout.splitlines()] == [
         *("sdo-read-command", "emcy-register", "nothing-proved"),
     ]
     assert done.stdout.startswith("1.000000  line 2  node 5  43h is how a server answers; a read request is 40h")
-    known = run_command("diagnose", str(log), "--device", "az3", "--node", "5").stdout
+    known = run_here("diagnose", str(log), "--device", "az3", "--node", "5").stdout
     assert "TPDO1 of node 5 has 2 bytes, " in known
     assert "there are frames on can0" in error_of("diagnose", str(log), "--bus", "can7")
 
@@ -97,7 +97,7 @@ def test_a_log_of_a_can_bus(tmp_path: Path) -> None:
 def test_lines_that_hold_no_frame_are_named(tmp_path: Path) -> None:
     log = tmp_path / "mixed.log"
     log.write_text(f"send: {READ.hex(' ')}\nthe pump is on\nrecv: {VALUES.hex(' ')}\n")
-    done = run_command("diagnose", str(log))
+    done = run_here("diagnose", str(log))
     assert done.stderr == "barewire: 1 line holds no frame, the first is line 2: the pump is on\n"
     assert (done.stdout.count("\n"), done.returncode) == (1, 0)
     unread = json.loads(output_of("diagnose", str(log), "--json").splitlines()[0])
@@ -146,7 +146,7 @@ def test_a_live_line_is_diagnosed_until_ctrl_c() -> None:
 @pytest.mark.long
 def test_a_silent_line_is_no_good_one() -> None:
     terminal = PseudoTerminal()
-    done = run_command("diagnose", f"rtu://{terminal.path}?parity=N", "--seconds", "0.2")
+    done = run_here("diagnose", f"rtu://{terminal.path}?parity=N", "--seconds", "0.2")
     assert (done.stdout, done.returncode) == ("verdict: nothing was received [nothing-heard]: no byte\n", 1)
     terminal.close()
 

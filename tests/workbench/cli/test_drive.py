@@ -20,7 +20,7 @@ from barewire.io.drive import DriveClient
 from barewire_workbench.cli.app import run_command_line
 from barewire_workbench.cli.drive import _remarks, _short
 from tests.helpers import free_port
-from tests.workbench.cli.helpers import COMMAND, error_of, output_of, run_command, simulated_at
+from tests.workbench.cli.helpers import COMMAND, error_of, output_of, run_here, simulated_at
 
 
 @pytest.fixture(params=["csd-mt over tcp", "az3 over rtu", "az3 over can"])
@@ -38,10 +38,10 @@ def drive_at(request: pytest.FixtureRequest, tmp_path: Path) -> Iterator[tuple[s
 def test_enable_warns_of_a_target_that_is_left_in_the_drive(tmp_path: Path) -> None:
     """In the velocity mode the motor turns as soon as the drive is enabled."""
     with simulated_at("az3", f"rtu://{tmp_path}/line?baudrate=115200") as url:
-        assert "TARGET VELOCITY" not in run_command("drive", url, "az3", "enable").stderr
+        assert "TARGET VELOCITY" not in run_here("drive", url, "az3", "enable").stderr
         output_of("drive", url, "az3", "disable")
         output_of("write", url, "az3", "MODES OF OPERATION=3", "TARGET VELOCITY=500")
-        done = run_command("drive", url, "az3", "enable")
+        done = run_here("drive", url, "az3", "enable")
         assert (
             "barewire: TARGET VELOCITY is 500 in the velocity mode: the motor turns when it is enabled" in done.stderr
         )
@@ -201,7 +201,7 @@ def test_an_error_names_the_state_and_the_cause() -> None:
 
 def error_after_progress(*arguments: str) -> str:
     """Do the same as `error_of` for a command that prints its progress before it fails."""
-    done = run_command(*arguments)
+    done = run_here(*arguments)
     assert done.returncode == 1
     assert done.stderr.count("\n") == 1
     return done.stderr

@@ -11,7 +11,7 @@ from barewire.canopen import eds
 from tests.workbench.cli.helpers import (
     error_of,
     output_of,
-    run_command,
+    run_here,
 )
 
 
@@ -27,11 +27,11 @@ def test_export_to_a_file_and_lint_it(tmp_path: Path) -> None:
 def test_lint_prints_line_rule_and_text(tmp_path: Path) -> None:
     file = tmp_path / "odd.eds"
     file.write_bytes(b"[1000]\nDataType=010\n")
-    done = run_command("eds", "lint", str(file))
+    done = run_here("eds", "lint", str(file))
     assert done.returncode == 1
     assert f"{file}:2: leading-zeros: [1000] DataType = 010: a leading zero makes a number octal;" in done.stdout
     assert done.stderr == ""
-    rows = [json.loads(line) for line in run_command("eds", "lint", "--json", str(file)).stdout.splitlines()]
+    rows = [json.loads(line) for line in run_here("eds", "lint", "--json", str(file)).stdout.splitlines()]
     assert {"file", "line", "rule", "text"} == set(rows[0])
 
 

@@ -6,7 +6,7 @@ import json
 from pathlib import Path
 from xml.etree import ElementTree
 
-from tests.workbench.cli.helpers import error_of, output_of, run_command
+from tests.workbench.cli.helpers import error_of, output_of, run_here
 
 EXCHANGE = """\
 (1.000000) can0 705#00
@@ -35,8 +35,8 @@ def test_a_response_with_a_wrong_crc() -> None:
 
 
 def test_an_invalid_frame_is_a_failure_only_with_check() -> None:
-    assert run_command("explain", "rtu", "01 04", "--check").returncode == 1
-    assert run_command("explain", "rtu", "01 04").returncode == 0
+    assert run_here("explain", "rtu", "01 04", "--check").returncode == 1
+    assert run_here("explain", "rtu", "01 04").returncode == 0
 
 
 def test_text_that_is_not_hexadecimal_is_an_error() -> None:
@@ -56,7 +56,7 @@ def test_a_recording_frame_by_frame(tmp_path: Path) -> None:
     assert "605#8100010203040506  valid: SDO request to node 5: segment 1 of a block, the last" in text
     assert "    1.200000  node 6    VIOLATION" not in text
     assert "UNREAD      line 4: " in text
-    assert run_command("explain", "can", str(log), "--check").returncode == 1
+    assert run_here("explain", "can", str(log), "--check").returncode == 1
     rows = [json.loads(line) for line in output_of("explain", "can", str(log), "--json").splitlines()]
     assert [row["frame"] for row in rows if "frame" in row and "fields" in row][1] == "605#4041600000000000"
 

@@ -11,7 +11,7 @@ from barewire.rtu import encode
 from barewire.tcp import encode as tcp_frame
 from barewire_workbench.cli.shown_frames import ShownFrames
 from tests.helpers import free_port, unhex
-from tests.workbench.cli.helpers import output_of, run_command, simulated_at
+from tests.workbench.cli.helpers import output_of, run_here, simulated_at
 
 ASKED, ANSWERED = encode(1, unhex("04 0FB1 0002")), encode(1, unhex("04 04 0000 0110"))
 
@@ -68,7 +68,7 @@ def test_read_and_write_show_their_frames(tmp_path: Path) -> None:
         rows = [json.loads(line) for line in lines]
         assert [row.get("direction") for row in rows] == ["sent", "received", None]
         assert all(row["valid"] for row in rows[:2])
-        fields = run_command("-v", "read", endpoint, "adxl", "Thyristors temperature", "--frames")
+        fields = run_here("-v", "read", endpoint, "adxl", "Thyristors temperature", "--frames")
         assert "function code  4             04 Read Input Registers" in fields.stdout
 
 

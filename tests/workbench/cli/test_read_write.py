@@ -30,6 +30,7 @@ from tests.workbench.cli.helpers import (
     read_until,
     run_command,
     run_here,
+    simulated,
     simulated_at,
 )
 
@@ -103,7 +104,7 @@ def test_a_refused_write_names_the_value_and_those_already_written() -> None:
 
 def test_a_value_without_a_name_is_written_with_a_note() -> None:
     with simulated_at("az3", "rtu://pty") as endpoint:
-        done = run_command("write", endpoint, "az3", "MODES OF OPERATION=77")
+        done = run_here("write", endpoint, "az3", "MODES OF OPERATION=77")
     assert done.returncode == 0
     assert "77 has no name in the description" in done.stderr
 
@@ -154,7 +155,7 @@ def test_a_device_whose_byte_order_was_changed() -> None:
 @pytest.mark.parametrize("option", [["--timing"], []])
 def test_timing_is_printed_on_stderr_if_requested(option: list[str]) -> None:
     with simulated_at("adxl", "rtu://pty?baudrate=19200&parity=E") as url:
-        done = run_command("read", *option, f"{url}&latency=uart", "adxl", "Status")
+        done = run_here("read", *option, f"{url}&latency=uart", "adxl", "Status")
     assert done.returncode == 0, done.stderr
     assert done.stdout.startswith("Status")
     times = "sends after 2.01 ms of silence (t3.5), accepts pauses up to 5 ms inside a frame\n"
@@ -162,7 +163,7 @@ def test_timing_is_printed_on_stderr_if_requested(option: list[str]) -> None:
 
 
 def test_timing_is_printed_before_the_port_is_opened() -> None:
-    done = run_command("write", "rtu:///dev/nothing?latency=tunnel&baudrate=9600", "az3", "CONTROL WORD=6", "--timing")
+    done = run_here("write", "rtu:///dev/nothing?latency=tunnel&baudrate=9600", "az3", "CONTROL WORD=6", "--timing")
     assert done.returncode == 1
     first, second = done.stderr.splitlines()
     assert first.endswith("sends after 4.01 ms of silence (t3.5), accepts pauses up to 200 ms inside a frame")
@@ -297,7 +298,7 @@ def test_a_forced_write_says_what_the_device_has_then() -> None:
 
 
 def test_a_range_of_addresses_is_a_value_for_each() -> None:
-    with simulated_at("table", "tcp://127.0.0.1:0") as endpoint:
+    with simulated("table", "tcp://127.0.0.1:0") as (endpoint,):
         output_of("write", endpoint, "raw", "holding:1=7", "coil:3=on")
         assert output_of("read", endpoint, "raw", "holding:0-2", "holding:0-3:u32", "coil:3-4").splitlines() == [
             "holding:0 = 0",

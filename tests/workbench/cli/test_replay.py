@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from tests.workbench.cli.helpers import error_of, output_of, run_command, run_here
+from tests.workbench.cli.helpers import error_of, output_of, run_here
 
 LOG = """\
 (10.0) can0 705#00
@@ -38,7 +38,7 @@ def eds(tmp_path: Path) -> Path:
 def test_differences_are_listed_and_decide_the_exit_status(eds: Path, tmp_path: Path) -> None:
     log = tmp_path / "run.log"
     log.write_text(LOG)
-    done = run_command("replay", str(log), "--against", str(eds))
+    done = run_here("replay", str(log), "--against", str(eds))
     assert (done.returncode, done.stderr) == (1, "")
     first, second, summary = done.stdout.splitlines()
     assert first.startswith("10.201000  DIFFERENT  recorded 585#6001600000000000 (")
@@ -69,7 +69,7 @@ def test_the_summary_says_what_was_not_played(eds: Path, tmp_path: Path, monkeyp
 def test_json_and_all(eds: Path, tmp_path: Path) -> None:
     log = tmp_path / "run.log"
     log.write_text(LOG)
-    done = run_command("replay", str(log), "--against", str(eds), "--json", "--all", "--only", "sdo")
+    done = run_here("replay", str(log), "--against", str(eds), "--json", "--all", "--only", "sdo")
     *played, summary = map(json.loads, done.stdout.splitlines())
     assert [one["event"] for one in played] == ["same", "different", "different"]
     assert played[1]["sent"] == "585#8001600031000906"
@@ -95,7 +95,7 @@ def test_a_device_of_the_catalogue_and_a_log_without_times(tmp_path: Path) -> No
     log.write_text(text)
     assert "2 same, 0 different" in output_of("replay", str(log), "--against", "az3")
     log.write_text(text.replace("92 01", "91 01"))
-    done = run_command("replay", str(log), "--against", "az3")
+    done = run_here("replay", str(log), "--against", "az3")
     assert done.returncode == 1
     assert done.stdout.startswith("line 4  DIFFERENT  recorded 585#4300100091010200 (")
 
@@ -109,7 +109,7 @@ def test_wrong_usage(eds: Path, tmp_path: Path) -> None:
     assert "no frames on it" in error_of("replay", str(log), *against, "--bus", "can1")
     assert "not a recording of CAN" in error_of("replay", str(eds), *against)
     assert "ends in .eds or .dcf" in error_of("replay", str(log), "--against", str(log), status=2)
-    done = run_command("replay", str(log), *against, "--node", "9")
+    done = run_here("replay", str(log), *against, "--node", "9")
     assert "node 9 does not answer in the recording; node 5 does" in done.stderr
     assert "`barewire replay` plays the recording" in error_of("record", str(log), status=2)
     assert "No such file" in error_of("replay", str(tmp_path / "none.log"), *against)
@@ -130,7 +130,7 @@ def test_against_our_client(tmp_path: Path) -> None:
         *("605#6000000000000000", "585#1B65740000000000", "605#4000100000000000", "585#4300100000000000"),
     ]
     log.write_text("".join(f"({10 + n / 10}) can0 {frame}\n" for n, frame in enumerate(frames)))
-    done = run_command("replay", str(log), "--against", "client")
+    done = run_here("replay", str(log), "--against", "client")
     assert (done.returncode, done.stderr) == (1, "")
     first, summary = done.stdout.splitlines()
     assert first.startswith("10.400000  DIFFERENT  recorded 605#6000000000000000 (")
@@ -139,7 +139,7 @@ def test_against_our_client(tmp_path: Path) -> None:
         "2 transfers with node 5; 4 recorded requests: 3 same, 1 different, 0 missing; 0 extra; "
         "the client received 4 frames"
     )
-    lines = run_command("replay", str(log), "--against", "client", "--json", "--only", "sdo").stdout.splitlines()
+    lines = run_here("replay", str(log), "--against", "client", "--json", "--only", "sdo").stdout.splitlines()
     (found, totals) = map(json.loads, lines)
     assert (found["event"], found["sent"], found["request"]) == ("different", "605#7000000000000000", frames[3])
     assert (totals["transfers"], totals["left_out"], totals["received"], totals["different"]) == (2, 0, 4, 1)

@@ -13,7 +13,7 @@ from barewire.devices.sim import Az3, MachineUnits, simulator
 from barewire.io.fault_injection.faults import KINDS
 from barewire_workbench.cli import simulate
 from tests.helpers import PATIENCE, free_port
-from tests.workbench.cli.helpers import error_of, output_of, run_command, simulated, simulated_at
+from tests.workbench.cli.helpers import error_of, output_of, run_here, simulated
 
 
 def test_one_machine_at_two_endpoints(tmp_path: Path) -> None:
@@ -36,7 +36,7 @@ def test_a_table_on_two_ports_is_one_table() -> None:
 
 
 def test_a_table_answers_until_interrupted() -> None:
-    with simulated_at("table", "tcp://127.0.0.1:0", client_option="") as endpoint:
+    with simulated("table", "tcp://127.0.0.1:0", client_option="") as (endpoint,):
         host, _, port = endpoint.removeprefix("tcp://").partition(":")
         with socket.create_connection((host, int(port)), timeout=30) as client:
             client.sendall(bytes.fromhex("0001 0000 0006 01 03 FFFF 0001"))
@@ -51,7 +51,7 @@ def test_a_serial_unit_has_an_address_from_1_to_247(unit: int) -> None:
 def test_a_link_to_a_closed_terminal_is_replaced(tmp_path: Path) -> None:
     line = tmp_path / "line"
     line.symlink_to("/dev/pts/999999")
-    with simulated_at("adxl", f"rtu://{line}") as endpoint:
+    with simulated("adxl", f"rtu://{line}") as (endpoint,):
         assert "Status" in output_of("read", endpoint, "adxl", "Status")
 
 
@@ -103,7 +103,7 @@ def test_a_drive_without_high_voltage_reports_that_on_both_its_wires() -> None:
         CanopenServer(bus, device=machine.canopen) as can,
     ):
         for url in (serial.url, can.url):
-            done = run_command("drive", url, "az3", "enable", "--timeout", "0.3")
+            done = run_here("drive", url, "az3", "enable", "--timeout", "0.3")
             assert done.returncode == 1
             assert "enable: stuck in 'ready to switch on' after 0.3 s" in done.stderr
             assert "no high voltage, bit 4 (voltage enabled) is off" in done.stderr
@@ -168,7 +168,7 @@ def test_a_read_on_a_virtual_bus_reports_that_it_is_inside_one_process() -> None
 
 
 def test_a_serial_path_that_another_simulation_serves_is_refused(tmp_path: Path) -> None:
-    with simulated_at("adxl", f"rtu://{tmp_path}/line") as endpoint:
+    with simulated("adxl", f"rtu://{tmp_path}/line") as (endpoint,):
         error = error_of("simulate", "adxl", f"rtu://{tmp_path}/line")
         assert f"{tmp_path}/line: another barewire server has this pseudo-terminal; " in error
         assert "Status" in output_of("read", endpoint, "adxl", "Status")
@@ -179,7 +179,7 @@ def test_the_device_of_an_eds(tmp_path: Path) -> None:
     file = tmp_path / "drive.eds"
     output_of("eds", "export", "az3", str(file))
     bus = f"can://socketcand/127.0.0.1:{free_port()}/can0?node=9"
-    with simulated_at(str(file), bus) as url:
+    with simulated(str(file), bus) as (url,):
         assert output_of("read", url, "az3", "MAX CURRENT").startswith("MAX CURRENT = ")
         with CanopenClient(url) as client:
             assert client.node().sdo.upload(0x1000) == bytes.fromhex("92010200")

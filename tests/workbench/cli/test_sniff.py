@@ -30,7 +30,6 @@ from tests.workbench.cli.helpers import (
     ENVIRONMENT,
     error_of,
     output_of,
-    run_command,
     run_here,
 )
 
@@ -104,7 +103,7 @@ def test_wrong_sources_are_refused(tmp_path: Path) -> None:
     assert "expected seconds, above 0" in error_of("sniff", "rtu:///dev/null", "--window", "0", status=2)
     broken.write_text("01 03")
     assert "No such file" in error_of("sniff", str(broken), "--write", str(tmp_path / "no" / "where"))
-    assert run_command("sniff").returncode == 2
+    assert run_here("sniff").returncode == 2
 
 
 def test_the_protocol_of_a_recording_can_be_stated(tmp_path: Path) -> None:
@@ -131,7 +130,7 @@ def test_a_full_disk_is_reported_with_the_file_which_keeps_what_was_written(kind
         )
     else:
         log.write_text("".join(f"({at}.000000) can0 705#05\n" for at in range(30)))
-    done = run_command("sniff", str(log), "--write", "/dev/full")
+    done = run_here("sniff", str(log), "--write", "/dev/full")
     assert done.returncode == 1
     assert done.stderr == "barewire: /dev/full: no space left on device; nothing was written\n"
     file = tmp_path / "bus.pcapng"
@@ -183,20 +182,20 @@ def test_a_device_without_a_node_says_whose_names_are_printed(tmp_path: Path) ->
     """The description of the AZ3 has the node-ID 1, a DCF has its own; --node gives another."""
     log, eds, dcf = tmp_path / "can.log", tmp_path / "az3.eds", tmp_path / "left.dcf"
     log.write_text("(0.1) can0 605#4041600000000000\n(0.2) can0 585#4B41600037060000\n")
-    done = run_command("sniff", str(log), "--device", "az3")
+    done = run_here("sniff", str(log), "--device", "az3")
     assert done.stderr == "barewire: --device az3: names are those of node 1; --node gives another\n"
     assert "STATUS WORD" not in done.stdout
     output_of("eds", "export", "az3", str(eds))
     dcf.write_bytes(to_dcf(parse(eds.read_bytes()), 5, {}).encode())
-    done = run_command("sniff", str(log), "--device", str(dcf))
+    done = run_here("sniff", str(log), "--device", str(dcf))
     assert "names are those of node 5" in done.stderr
     assert "STATUS WORD" in done.stdout
-    assert run_command("sniff", str(log), "--device", "az3", "--node", "5").stderr == ""
+    assert run_here("sniff", str(log), "--device", "az3", "--node", "5").stderr == ""
 
 
 def test_the_device_may_be_an_eds(tmp_path: Path) -> None:
     eds, log = tmp_path / "drive.eds", tmp_path / "bus.log"
-    assert run_command("eds", "export", "az3", str(eds)).returncode == 0
+    assert run_here("eds", "export", "az3", str(eds)).returncode == 0
     log.write_text(EXCHANGE)
     text = output_of("sniff", str(log), "--device", str(eds), "--node", "5")
     assert "upload 6041h:00 STATUS WORD -> 1591" in text
@@ -273,7 +272,7 @@ def test_options_that_do_not_fit_are_refused(tmp_path: Path) -> None:
     assert "No such file" in error_of("sniff", str(log), "--device", "no.eds", "--node", "5")
     assert "--node is for a CAN bus" in error_of("sniff", str(modbus), "--node", "5", status=2)
     assert "unknown interface 'nothing'" in error_of("sniff", "can://nothing/can0", status=2)
-    done = run_command("sniff", str(log), "--bus", "can7")
+    done = run_here("sniff", str(log), "--bus", "can7")
     assert done.stderr == "barewire: --bus can7: no frames on it; there are frames on can0, can1\n"
     assert done.returncode == 1
     log.write_bytes(b"LOGG")

@@ -36,7 +36,6 @@ from tests.workbench.cli.helpers import (
     ENVIRONMENT,
     error_of,
     output_of,
-    run_command,
     run_here,
     simulated_at,
 )
@@ -65,7 +64,7 @@ def test_the_other_names_are_read_if_one_is_refused() -> None:
         table = list(csv.reader(output_of(*watch, "--csv").splitlines()[1:]))
         assert [row[1:4] for row in table] == [["0", "", "0"]] * 3
         assert all("holding:100: unit 1, address 100: exception 02" in row[4] for row in table)
-        done = run_command("watch", server.url, "raw", "holding:100", "coil:99", "--count", "2", "--period", "0.05")
+        done = run_here("watch", server.url, "raw", "holding:100", "coil:99", "--count", "2", "--period", "0.05")
         assert done.returncode == 1
         assert all("error: unit 1, address " in line and ": exception 02 " in line for line in done.stdout.splitlines())
 
@@ -129,7 +128,7 @@ def test_status_1_if_no_poll_succeeds() -> None:
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:
         assert process.stdout is not None
         endpoint = f"{process.stdout.readline().split()[1]}?timeout=0.1"
-        done = run_command("watch", endpoint, "adxl", "Status", "--period", "0.05", "--count", "2")
+        done = run_here("watch", endpoint, "adxl", "Status", "--period", "0.05", "--count", "2")
         process.send_signal(signal.SIGTERM)
     assert done.returncode == 1
     assert [line.split("  ")[-1][:20] for line in done.stdout.splitlines()] == ["error: unit 1 did no"] * 2
@@ -204,7 +203,7 @@ def test_a_plot_is_drawn_after_ctrl_c_sigterm_and_a_closed_pipe(tmp_path: Path) 
 def test_without_a_value_no_plot_is_drawn(tmp_path: Path) -> None:
     with simulated_at("adxl", "tcp://127.0.0.1:0") as endpoint:
         command = ("watch", endpoint, "raw", "holding:40000", "--period", "0.05", "--count", "1")
-        done = run_command(*command, "--plot", f"{tmp_path}/none.svg")
+        done = run_here(*command, "--plot", f"{tmp_path}/none.svg")
     assert done.returncode == 1
     assert done.stderr.endswith("none.svg: no value was read, nothing is drawn\n")
     assert not (tmp_path / "none.svg").exists()

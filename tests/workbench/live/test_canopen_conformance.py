@@ -25,7 +25,7 @@ from barewire_workbench.live.canopen_conformance import NodeCaseResult, conform_
 from barewire_workbench.live.results import Unfinished
 from barewire_workbench.vectors.answers.device_conformance import plain_device
 from tests.helpers import free_port, refused
-from tests.workbench.cli.helpers import COMMAND, run_command, run_here, simulated_at
+from tests.workbench.cli.helpers import COMMAND, run_here, simulated_at
 from tests.workbench.conform.canopen.described import RIGHT, device as described_device
 from tests.workbench.conform.canopen.devices import ADDRESS, LARGE, NODE, plain
 
@@ -97,7 +97,7 @@ def test_a_device_that_an_interrupted_run_left_stopped_is_tested() -> None:
     woken: list[str] = []
     with CanopenClient(url()) as client:
         client.node().nmt.stop()
-    run_gently = run_command("conform", "can://virtual/empty?node=5&timeout=0.05", "--gentle", "--only", "SDO-01")
+    run_gently = run_here("conform", "can://virtual/empty?node=5&timeout=0.05", "--gentle", "--only", "SDO-01")
     assert "without --gentle it is switched to PRE-OPERATIONAL" in run_gently.stderr
     with pytest.raises(NoAnswer):
         list(conform_can(Endpoint.parse(f"{URL}&timeout=0.1"), only=("SDO-01",), gentle=True))
@@ -198,13 +198,13 @@ def test_cases_with_remote_frames_are_left_out_on_socketcand() -> None:
 
 def test_the_command() -> None:
     with simulated_at("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5", client_option="") as drive:
-        done = run_command("conform", f"{drive}&timeout=2", "--only", "sdo-0,sdo-31,sdo-47,seg-01")
+        done = run_here("conform", f"{drive}&timeout=2", "--only", "sdo-0,sdo-31,sdo-47,seg-01")
         assert done.stdout.splitlines()[0] == "ok      SDO-01  upload of 1000h:00, device type"
         assert "FAILED  SDO-47  four bytes to an object of two: after 605#23171000" in done.stdout
         assert "-       SDO-31  a remote frame is not answered (needs remote frames, which socketcand" in done.stdout
         assert done.stdout.splitlines()[-1] == "8 of 9 passed, 3 left out"
         assert done.returncode == 1
-        done = run_command("conform", f"{drive}&timeout=5", "--only", "SDO-05", "--json", "--gentle")
+        done = run_here("conform", f"{drive}&timeout=5", "--only", "SDO-05", "--json", "--gentle")
         assert done.returncode == 0
         (line,) = map(json.loads, done.stdout.splitlines())
         assert (line["case"], line["ok"], line["left_out"]) == ("SDO-05", True, None)
@@ -258,9 +258,7 @@ def test_the_command_with_an_eds(tmp_path: Path) -> None:
     file = tmp_path / "az3.eds"
     file.write_text(run_here("eds", "export", "az3").stdout)
     with simulated_at("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5", client_option="") as drive:
-        done = run_command(
-            "conform", f"{drive}&timeout=2", "--eds", str(file), "--gentle", "--only", "OD-READ-10,OD-DEF"
-        )
+        done = run_here("conform", f"{drive}&timeout=2", "--eds", str(file), "--gentle", "--only", "OD-READ-10,OD-DEF")
     lines = done.stdout.splitlines()
     assert lines[0] == "ok      OD-READ-1000:00  1000h:00 Device type: ro, u32, of 4 bytes"
     assert [line for line in lines if line.startswith("FAILED")] == []

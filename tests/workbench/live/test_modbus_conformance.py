@@ -40,7 +40,7 @@ from barewire_workbench.live.results import Unfinished
 from tests.certificates import tls_url
 from tests.helpers import refused
 from tests.io.peers import again, answer, peer
-from tests.workbench.cli.helpers import run_command
+from tests.workbench.cli.helpers import run_command, run_here
 from tools import conform_page
 
 OURS = {
@@ -177,7 +177,7 @@ def test_the_conform_command() -> None:
     with ModbusServer("tcp://127.0.0.1:0", units={1: Table(100)}) as host:
         for patience in ("0.25", "2", "8"):  # as `again`
             url = f"{host.url}?timeout={patience}"
-            done = run_command("conform", "--timing", url)
+            done = run_here("conform", "--timing", url)
             if done.returncode == 0:
                 break
     assert done.returncode == 0
@@ -188,7 +188,7 @@ def test_the_conform_command() -> None:
     assert done.stdout.splitlines()[0] == "ok      MB-APP 6.3          03 with quantity 0"
     assert done.stdout.splitlines()[-1] == f"{len(CASES_TCP)} of {len(CASES_TCP)} passed"
     with peer(stubborn) as port:
-        done = run_command("conform", f"tcp://127.0.0.1:{port}?timeout=2", "--json")
+        done = run_here("conform", f"tcp://127.0.0.1:{port}?timeout=2", "--json")
     assert done.returncode == 1
     first = json.loads(done.stdout.splitlines()[0])
     assert (first["ok"], first["clause"], first["received"]) == (False, "MB-APP 6.3", ["03 02 00 00"])

@@ -17,7 +17,7 @@ from barewire_workbench.live.canopen_conformance import LiveDevice
 from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.run import run_cases, selected
 from tests.io.peers import answer, peer
-from tests.workbench.cli.helpers import run_command
+from tests.workbench.cli.helpers import run_here
 from tests.workbench.conform.canopen.devices import NODE, plain
 
 pytestmark = pytest.mark.long
@@ -35,7 +35,7 @@ def ids(*beginnings: str) -> list[str]:
 def check(endpoint: str, cases: list[str]) -> tuple[int, dict[str, Any], dict[str, Any]]:
     """The exit status, the state of each case, and the numbers."""
     only = [word for case in cases for word in ("--only", case)]
-    done = run_command("vectors", "check", "--endpoint", endpoint, "--json", *only)
+    done = run_here("vectors", "check", "--endpoint", endpoint, "--json", *only)
     *lines, summary = [json.loads(line) for line in done.stdout.splitlines()]
     return done.returncode, {line["id"]: line for line in lines}, summary
 
@@ -108,6 +108,6 @@ def test_a_running_device_passes_fails_lacks_what_a_case_needs_and_is_gone(monke
     ],
 )
 def test_an_endpoint_that_cannot_be_used_is_an_error(words: list[str], text: str) -> None:
-    done = run_command("vectors", "check", *words)
+    done = run_here("vectors", "check", *words)
     assert done.returncode > 0
     assert text in done.stderr.lower() or text in done.stderr
