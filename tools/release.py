@@ -277,8 +277,11 @@ def main() -> int:
     if options.files is None:
         wrong.append("the links of the descriptions have no address: --files URL")
     if wrong:
-        sys.stderr.write("".join(f"release: {problem}\n" for problem in wrong))
-        if not options.dry_run:
+        verb = "would forbid" if options.dry_run else "forbids"
+        sys.stderr.write("".join(f"this {verb} a release: {problem}\n" for problem in wrong))
+        if options.dry_run:
+            sys.stderr.write("this is a dry run: the files are built and tried all the same\n")
+        else:
             return 1
     files = (options.files or EXAMPLE).rstrip("/") + "/"
     target: Path = options.to.resolve()

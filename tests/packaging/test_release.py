@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+import sys
+from pathlib import Path
+
 import pytest
 
 from tools import release
-from tools.release import LINK, ROOT, problems, version, with_addresses
+from tools.release import EXAMPLE, LINK, ROOT, problems, version, with_addresses
 
 
 def test_both_descriptions_have_links_that_work_on_an_index() -> None:
@@ -36,6 +39,21 @@ def test_what_forbids_a_release(monkeypatch: pytest.MonkeyPatch) -> None:
         "CHANGELOG.md has no section ## [9.9]",
         "there are changes that are not committed: git status",
         "the tag v9.9 exists: this version was released",
+    ]
+
+
+def test_a_dry_run_says_that_what_would_forbid_a_release_does_not_end_it(
+    monkeypatch: pytest.MonkeyPatch, capsys: pytest.CaptureFixture[str], tmp_path: Path
+) -> None:
+    monkeypatch.setattr(release, "problems", lambda version: ["no section"])
+    monkeypatch.setattr(release, "build", lambda *_: None)
+    for flags, status in (([], 1), (["--dry-run"], 0)):
+        monkeypatch.setattr(sys, "argv", ["release", "--files", EXAMPLE, "--to", str(tmp_path / "new"), *flags])
+        assert release.main() == status
+    assert capsys.readouterr().err.splitlines() == [
+        "this forbids a release: no section",
+        "this would forbid a release: no section",
+        "this is a dry run: the files are built and tried all the same",
     ]
 
 

@@ -162,6 +162,17 @@ def test_wrong_arguments_are_one_line(
     assert message in error_of(*given, status=status)
 
 
+def test_the_file_of_another_model_is_refused_and_says_what_goes_on(drive: str, fresh: str, tmp_path: Path) -> None:
+    file = tmp_path / "press.toml"
+    text = output_of("save", drive, "csd-mt", "-")
+    assert '"Product Code" = "148"' in text
+    file.write_text(text.replace('"Product Code" = "148"', '"Product Code" = "149"'), encoding="utf-8")
+    refusal = error_of("restore", str(file), fresh)
+    assert "another model: its Product Code is 148, the file is of 149" in refusal
+    assert refusal.endswith("; nothing was written; --no-check goes on\n")
+    assert "2 settings written" in output_of("restore", str(file), fresh, "--no-check")
+
+
 def test_a_dcf_out_of_a_node_and_into_it(tmp_path: Path) -> None:
     file, dcf, toml = tmp_path / "az3.eds", tmp_path / "left.dcf", tmp_path / "left.toml"
     file.write_bytes(export(load("az3")).encode())

@@ -15,7 +15,8 @@ from barewire.codecs import Value
 from barewire.devices.sim import adxl, simulator
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.machine import MachineClient
-from barewire_workbench.live.restore_settings import Change, Mismatch, Restore
+from barewire_workbench.live.check_device import WrongDevice
+from barewire_workbench.live.restore_settings import Change, NotAtRest, Restore
 from barewire_workbench.live.save_settings import save_settings
 from barewire_workbench.settings.compare import differences
 from barewire_workbench.settings.rules import SettingRules
@@ -236,7 +237,7 @@ def test_a_dry_run_writes_nothing() -> None:
 def test_another_machine_is_refused() -> None:
     saved = saved_from("adxl", changed("adxl"))
     saved.identity["type"] = "ADXL0320600"
-    with pytest.raises(Mismatch, match="another model: its type is ADXL0030600, the file is of ADXL0320600"):
+    with pytest.raises(WrongDevice, match="another model: its type is ADXL0030600, the file is of ADXL0320600"):
         restored("adxl", simulator("adxl"), saved)
     assert restored("adxl", simulator("adxl"), saved, check=False)[0].is_complete
 
@@ -245,14 +246,14 @@ def test_a_machine_whose_motor_is_on_is_refused() -> None:
     saved = saved_from("csd-mt", changed("csd-mt"))
     with connected("csd-mt", simulator("csd-mt")) as (client, url):
         client.drive.enable()
-        with pytest.raises(Mismatch, match="the drive is in OPERATION ENABLED"):
+        with pytest.raises(NotAtRest, match="the drive is in OPERATION ENABLED"):
             list(Restore(client, saved, url).run())
         assert list(Restore(client, saved, url).run(dry_run=True))
     starter = simulator("adxl")
     other = saved_from("adxl", changed("adxl"))
     with connected("adxl", starter) as (client, url):
         client.write("Motor start command", 1)
-        with pytest.raises(Mismatch, match=r"Status = .*: expected the machine at rest"):
+        with pytest.raises(NotAtRest, match=r"Status = .*: expected the machine at rest"):
             list(Restore(client, other, url).run())
 
 

@@ -8,9 +8,10 @@ import click
 
 from barewire.canopen.eds import parse
 from barewire.devices import load
+from barewire.errors import EncodeError
 from barewire_workbench.cli.arguments import CommandGroup
 from barewire_workbench.cli.output import Output, check_not_overwritten, file_content, output_option, port_error
-from barewire_workbench.eds.lint import lint
+from barewire_workbench.eds.lint import REQUIRED_SECTIONS, lint
 
 
 @click.group("eds", cls=CommandGroup)
@@ -44,7 +45,10 @@ def lint_command(file: Path, output: Output) -> int:
 
     Exit status 1 if there is a mistake.
     """
-    findings = lint(parse(file_content(file)))
+    document = parse(file_content(file))
+    if not document.objects and REQUIRED_SECTIONS.isdisjoint(document.sections):
+        raise EncodeError(f"{file} is no EDS: it has no object and none of the sections that CiA 306 wants")
+    findings = lint(document)
     for finding in findings:
         output.show(f"{file}:{finding}", {"file": str(file), **finding._asdict()})
     if not findings:

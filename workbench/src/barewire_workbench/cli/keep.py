@@ -28,6 +28,7 @@ from barewire_workbench.cli.output import Output, file_content, note, output_opt
 from barewire_workbench.cli.raw_address import device_with
 from barewire_workbench.cli.read_write import connected
 from barewire_workbench.cli.shown_frames import ShownFrames, frames_option, is_verbose
+from barewire_workbench.live.check_device import WrongDevice
 from barewire_workbench.live.restore_settings import Change, Restore
 from barewire_workbench.live.results import text_with_notes
 from barewire_workbench.live.save_settings import save_settings
@@ -125,7 +126,7 @@ def restore_command(
                 output.show(f"{change}, {'would be written' if dry_run else 'written'}", change.as_dict())
                 if dry_run and frames:
                     _show_frames(restore, change, output)
-        except EncodeError as error:
+        except (EncodeError, WrongDevice) as error:
             error.add_context("nothing was written; --no-check goes on")
             raise
     for name, why in restore.left_out.items():

@@ -30,6 +30,7 @@ from barewire.canopen.eds.value_syntax import Formula, read_integer
 _LONGEST_LINE = 255
 _FILE_INFO = [key for key in FILE_INFO if key != "EDSVersion"]  # without it the version is 3.0 [CiA 306 4.4]
 _REQUIRED = {"FileInfo": _FILE_INFO, "DeviceInfo": DEVICE_INFO} | {name: ["SupportedObjects"] for name in LISTS}
+REQUIRED_SECTIONS = frozenset(name.casefold() for name in _REQUIRED)
 _DATE = re.compile(r"(0[1-9]|1[0-2])-(0[1-9]|[12][0-9]|3[01])-[0-9]{4}")
 _TIME = re.compile(r"(0[1-9]|1[0-2]):[0-5][0-9](AM|PM)")
 _ITEM_KEYS = ("DataType", "AccessType", "DefaultValue", "PDOMapping", "LowLimit", "HighLimit")

@@ -35,7 +35,7 @@ from barewire.errors import BarewireError, DecodeError, EncodeError, NoAnswer, P
 from barewire.io.canopen.operations import sdo_transfer
 from barewire.io.endpoint import Endpoint
 from barewire.io.machine import MachineClient
-from barewire_workbench.live.check_device import check_device
+from barewire_workbench.live.check_device import WrongDevice, check_device
 from barewire_workbench.live.save_settings import (
     confirmed_write,
     is_model,
@@ -57,8 +57,8 @@ _RESTART = 60.0
 _ENABLED = (State.OPERATION_ENABLED, State.QUICK_STOP_ACTIVE, State.FAULT_REACTION_ACTIVE)
 
 
-class Mismatch(BarewireError):
-    """The file is not for this machine, or the machine is not in the state for it."""
+class NotAtRest(BarewireError):
+    """The machine is not in a state in which its settings are written."""
 
 
 class Change(NamedTuple):
@@ -129,8 +129,8 @@ class Restore:
     def run(self, *, dry_run: bool = False) -> Iterator[Change]:
         """Write what differs, and yield it; with `dry_run` yield it only.
 
-        Raises, before anything is written, EncodeError for a file with other names, units or ranges, Mismatch for
-        another model or one that is not at rest, WrongDevice for another machine, NoAnswer, PortError.
+        Raises, before anything is written, EncodeError for a file with other names, units or ranges, NotAtRest,
+        WrongDevice for another machine or model, NoAnswer, PortError.
         """
         rules = SettingRules.of(self.machine.device)
         self._match(rules)
@@ -204,13 +204,13 @@ class Restore:
         present = machine_identity(self.machine, rules)
         for name, saved in self.saved.identity.items():
             if is_model(name, rules) and name in present and present[name] != saved:
-                raise Mismatch(f"another model: its {name} is {present[name]}, the file is of {saved}")
+                raise WrongDevice(f"another model: its {name} is {present[name]}, the file is of {saved}")
 
     def _check_state(self, rules: SettingRules) -> None:
         for name, values in rules.idle.items():
             reading = self.machine.read(name)
             if reading.value not in values:
-                raise Mismatch(f"{reading}: expected the machine at rest, since restoring restarts it")
+                raise NotAtRest(f"{reading}: expected the machine at rest, since restoring restarts it")
         if (roles := self.machine.device.drive) is not None:
             check_at_rest(int(self.machine.read(roles.status_word).value))
 
@@ -358,11 +358,11 @@ class Restore:
 
 
 def check_at_rest(status_word: int) -> None:
-    """Raise Mismatch if the motor of a CiA 402 drive may have current."""
+    """Raise NotAtRest if the motor of a CiA 402 drive may have current."""
     state = state_of(status_word)
     if state in _ENABLED:
         text = "settings are written while the motor has no current: `barewire drive ... disable`"
-        raise Mismatch(f"the drive is in {state.name.replace('_', ' ')}: {text}")
+        raise NotAtRest(f"the drive is in {state.name.replace('_', ' ')}: {text}")
 
 
 def _object_setting(change: Change) -> Setting:
