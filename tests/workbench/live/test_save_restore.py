@@ -3,6 +3,7 @@ left when it ends early."""
 
 from __future__ import annotations
 
+import random
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
@@ -327,6 +328,52 @@ def test_a_port_that_fails_leaves_a_list_of_what_was_not_reached(monkeypatch: py
     assert {change.problem for change in restore.failed} == {"not reached"}
     assert {*restore.written, *(change.parameter.name for change in restore.failed)} == set(CHANGED["csd-mt"])
     assert not restore.stored
+
+
+@pytest.mark.parametrize("unread", [["Homing Offset"], ["Homing Offset", "Current Ratio"]])
+def test_what_is_not_read_back_is_counted_once(unread: list[str], monkeypatch: pytest.MonkeyPatch) -> None:
+    """The first was equal already, the second was written."""
+    saved = saved_from("csd-mt", changed("csd-mt"))
+    with connected("csd-mt", simulator("csd-mt")) as (client, url):
+        restore = Restore(client, saved, url)
+        read_all = client.read_all
+
+        def lossy(names: Any = None) -> Any:
+            if restore.written and set(unread) & set(names):
+                raise NoAnswer("lost")
+            return read_all(names)
+
+        monkeypatch.setattr(client, "read_all", lossy)
+        list(restore.run())
+    assert {str(change).partition(": ")[2] for change in restore.failed} == {"not read back: lost"}
+    assert len(restore.written) + len(restore.failed) + restore.equal == len(saved.settings)
+    assert [change.parameter.name for change in restore.failed] == sorted(unread)
+    assert not set(restore.written) & set(unread)
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_under_heavy_loss_each_setting_is_counted_once(seed: int, monkeypatch: pytest.MonkeyPatch) -> None:
+    saved = saved_from("csd-mt", changed("csd-mt"))
+    dice = random.Random(seed)
+    with connected("csd-mt", simulator("csd-mt")) as (client, url):
+        restore = Restore(client, saved, url, check=False)
+        for method in ("read_all", "write"):
+            monkeypatch.setattr(client, method, sometimes_lost(getattr(client, method), dice))
+        list(restore.run())
+    names = [*restore.written, *(change.parameter.name for change in restore.failed)]
+    assert len(names) == len(set(names))
+    assert len(names) + restore.equal == len(saved.settings)
+
+
+def sometimes_lost(method: Callable[..., Any], dice: random.Random) -> Callable[..., Any]:
+    """Return the method with one request in ten lost."""
+
+    def ask(*arguments: Any, **options: Any) -> Any:
+        if dice.random() < 0.1:
+            raise NoAnswer("lost")
+        return method(*arguments, **options)
+
+    return ask
 
 
 def test_a_silent_machine_is_an_error_before_anything_is_written() -> None:

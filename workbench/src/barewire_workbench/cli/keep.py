@@ -137,7 +137,9 @@ def restore_command(
         output.show(change, change.as_dict())
     if restore.stopped is not None:
         note(text_with_notes(restore.stopped))
-    failed = f", {len(restore.failed)} not written" if restore.failed else ""
+    unread = sum(change.is_unread for change in restore.failed)
+    counts = ((len(restore.failed) - unread, "not written"), (unread, "not read back"))
+    failed = "".join(f", {number} {what}" for number, what in counts if number)
     count = f"{len(restore.written)} setting{'s' if len(restore.written) != 1 else ''}"
     output.text(f"{count} written, {restore.equal} equal already{failed}; {_stored(restore)}")
     if saved.communication and not communication:

@@ -64,17 +64,19 @@ class NotAtRest(BarewireError):
 class Change(NamedTuple):
     """A setting with the value that the machine had, the one of the file, and what became of it.
 
-    problem    why it was not written; empty if it was, or would be
+    problem     why it was not written, or not read back; empty if it was, or would be
+    is_unread   whether the machine did not tell at the end what it has
     """
 
     parameter: Parameter
     before: Value | None
     after: Value
     problem: str = ""
+    is_unread: bool = False
 
     def __str__(self) -> str:
         before = "" if self.before is None else f" (was {self.parameter.text(self.before)})"
-        problem = f": not written: {self.problem}" if self.problem else ""
+        problem = f": not {'read back' if self.is_unread else 'written'}: {self.problem}" if self.problem else ""
         return f"{self.parameter.name} = {self.parameter.text(self.after)}{before}{problem}"
 
     def as_dict(self) -> dict[str, object]:
@@ -86,7 +88,7 @@ class Change(NamedTuple):
             "unit": self.parameter.unit,
         }
         if self.problem:
-            fields["error"] = self.problem
+            fields["error"] = f"not read back: {self.problem}" if self.is_unread else self.problem
         return fields
 
 
@@ -99,7 +101,8 @@ class Restore:
     verify           read everything again at the end
     store            let the machine store what it has then
     tell             called with a sentence before the machine takes its time to store or restart
-    failed           the settings that were not written
+    written          the names of the settings that were written
+    failed           the settings that were not written, or not read back at the end
     left_out         names of the file, with the reason: not on this bus, not saved; with `check` off also unknown ones
     stored           whether the store command was carried out
     stopped          the error that ended it early; None if it came to its end
@@ -113,13 +116,19 @@ class Restore:
     verify: bool = True
     store: bool = True
     tell: Callable[[str], object] = str
-    equal: int = 0
     written: list[str] = field(default_factory=list)
     failed: list[Change] = field(default_factory=list)
     left_out: dict[str, str] = field(default_factory=dict)
     stored: bool = False
     stopped: BarewireError | None = None
     _wanted: list[tuple[KeptSetting, Value]] = field(default_factory=list)
+    _pending: list[Change] = field(default_factory=list)
+
+    @property
+    def equal(self) -> int:
+        """How many settings the machine had already; each is counted as equal, as written or as failed."""
+        others = (change.parameter.name for change in (*self._pending, *self.failed))
+        return len(self._wanted) - len({*self.written, *others})
 
     @property
     def is_complete(self) -> bool:
@@ -140,8 +149,8 @@ class Restore:
             self._check_machine(rules)
             if not dry_run:
                 self._check_state(rules)
-        changes = [change._replace(problem="") for change in self._differing(self._wanted)]
-        self.equal = len(self._wanted) - len(changes)
+        changes = [change._replace(problem="", is_unread=False) for change in self._differing(self._wanted)]
+        self._pending = changes
         if self.check:
             self._check_ranges(changes)
         if dry_run:
@@ -150,7 +159,9 @@ class Restore:
         try:
             plain = [change for change in changes if not self._setting(change).communication]
             yield from self._write_and_verify(plain)
-            if not self.failed:
+            if self.failed:
+                self._leave_pending()
+            else:
                 yield from self._write_communication(changes[len(plain) :])
             if self.store and not self.failed:
                 self._store(rules)
@@ -158,10 +169,7 @@ class Restore:
             self.stopped = error
         except (PortError, NoAnswer) as error:
             self.stopped = error
-            done = {*self.written, *(change.parameter.name for change in self.failed)}
-            self.failed += [
-                change._replace(problem="not reached") for change in changes if change.parameter.name not in done
-            ]
+            self._leave_pending()
 
     @property
     def not_storable(self) -> int:
@@ -223,7 +231,7 @@ class Restore:
         for present in read_settings(self.machine, self.url, [setting for setting, _ in wanted]):
             parameter, value = present.setting.parameter, values[present.setting.name]
             if present.value is None:
-                changes.append(Change(parameter, None, value, f"not read back: {present.problem}"))
+                changes.append(Change(parameter, None, value, present.problem, is_unread=True))
             elif not same_setting(parameter, present.value, value):
                 changes.append(Change(parameter, present.value, value, f"it is {parameter.text(present.value)}"))
         if wanted and len(changes) == len(wanted) and all(change.before is None for change in changes):
@@ -257,19 +265,21 @@ class Restore:
 
     def _write_and_verify(self, changes: list[Change]) -> Iterator[Change]:
         plain = [(setting, value) for setting, value in self._wanted if not setting.communication]
-        pending = changes
+        communication = self._pending[len(changes) :]
+        wrong = changes
         for _ in range(_PASSES):
-            refused = yield from self._write(pending)
+            refused = yield from self._write(wrong)
+            tried = {change.parameter.name for change in wrong}
             if self.verify:
                 wrong = [refused.get(change.parameter.name, change) for change in self._differing(plain)]
             else:
                 wrong = list(refused.values())
             names = {change.parameter.name for change in wrong}
-            if not wrong or names == {change.parameter.name for change in pending}:
+            self.written = [name for name in self.written if name not in names]
+            self._pending = [*wrong, *communication]
+            if not wrong or names == tried:
                 break
-            pending = wrong
         self.failed = wrong
-        self.written = [name for name in self.written if name not in {change.parameter.name for change in wrong}]
 
     def _write(self, changes: Iterable[Change]) -> Generator[Change, None, dict[str, Change]]:
         """Write settings one by one, and yield each that is written. Return the others by name."""
@@ -318,6 +328,12 @@ class Restore:
         configuration = DeviceConfiguration(node.number, tuple(_object_setting(change) for change in changes))
         configuring = configure_device(node.channel, configuration, timeout=node.timeout)
         node.runner.carry_out(sdo_transfer(node.channel, configuring, node.timeout))
+
+    def _leave_pending(self) -> None:
+        """Add what is still to be written to what failed."""
+        done = {*self.written, *(change.parameter.name for change in self.failed)}
+        left = [change for change in self._pending if change.parameter.name not in done]
+        self.failed += [change._replace(problem="not reached", is_unread=False) for change in left]
 
     def _write_communication(self, changes: list[Change]) -> Iterator[Change]:
         for change in changes:
