@@ -20,6 +20,7 @@ Files, in reading order:
     errors       every exception, and every reason of a DecodeError
     commands     the help of every command
     parameters   every parameter of the three devices
+    classroom    the labs to project, to print, and their solutions
     stage        everything together, in build/docs
     explorer     the page that runs the package in the browser, from docs/explorer
     check        what a reader would miss in the HTML: links that lead nowhere, requests to other servers

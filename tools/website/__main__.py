@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import sys
 
-from tools.website import explorer
+from tools.website import classroom, explorer
 from tools.website.check import faults
 from tools.website.source import ROOT
 from tools.website.stage import collected, write
@@ -24,6 +24,7 @@ def main(builder: str = "html") -> int:
         return 1
     if builder == "html":
         explorer.build(SITE / "explorer")
+        classroom.build(SITE / "class")
     found = faults(SITE) if builder == "html" else []
     sys.stderr.write("".join(f"{line}\n" for line in found))
     if builder == "html" and not found:

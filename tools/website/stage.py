@@ -16,7 +16,7 @@ from barewire_workbench import explain_text
 from barewire_workbench.pictures.fields import FieldsPicture
 from barewire_workbench.pictures.picture import html_fragment, page_style
 from tools import pictures
-from tools.website import api, commands, errors, messages, parameters, source
+from tools.website import api, classroom, commands, errors, messages, parameters, source
 from tools.website.links import PROJECT, Links, file_page, split
 from tools.website.source import ROOT
 
@@ -46,6 +46,7 @@ def collected(root: Path = ROOT) -> dict[str, str | Path]:
             continue
         if file.suffix == ".md":
             text = _AS_HTML.sub(lambda name: picture_as_html(name[1]), file.read_text(encoding="utf-8"))
+            text = text.replace(classroom.TABLE_PLACE, classroom.table())
             found[path.removeprefix("docs/")] = page(text, path, links)
         elif file.is_file() and "__pycache__" not in path:
             found[path.removeprefix("docs/")] = file
@@ -62,6 +63,7 @@ def collected(root: Path = ROOT) -> dict[str, str | Path]:
     found[messages.MODBUS_PATH] = messages.modbus_page(rooms, link)
     found[messages.CANOPEN_PATH] = messages.canopen_page(rooms, link)
     found[commands.PATH] = commands.page()
+    found[classroom.SOLUTIONS] = classroom.solutions()
     found.update(parameters.pages())
     return found
 
