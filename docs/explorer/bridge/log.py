@@ -11,7 +11,7 @@ from barewire.errors import EncodeError
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.diagnosis.modbus_line import ModbusLogDiagnosis
 from barewire_workbench.diagnosis.verdict import LogFinding
-from barewire_workbench.frames.modbus_exchanges import ExchangeLines
+from barewire_workbench.frames.modbus_exchanges import Exchanges
 from barewire_workbench.monitor import event_line, is_repeated
 from barewire_workbench.monitor.recording import BusMonitors, is_can_recording, read_recording
 from barewire_workbench.pictures.picture import html_fragment
@@ -54,14 +54,14 @@ def log(text: str = "", data: str = "") -> dict[str, Any]:
 
 def _modbus_lines(data: bytes) -> tuple[Iterator[str], list[str]]:
     replayed, events = replay_log(data)
-    shown = ExchangeLines(timed=replayed.timed)
+    shown = Exchanges(timed=replayed.timed)
     notes = [*replayed.notes]
     notes += [f"line {item.line}: {item.why}: {item.text}" for item in replayed.items if isinstance(item, Unread)]
 
     def lines() -> Iterator[str]:
         for event in events:
-            yield from shown.feed(event)
-        yield from shown.end()
+            yield from map(str, shown.feed(event))
+        yield from map(str, shown.end())
 
     return lines(), notes[:_LINES]
 

@@ -25,8 +25,9 @@ from barewire import ModbusServer, connect, load
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import BarewireError, NoAnswer
 from barewire.io.fault_injection.faults import Faults, ModbusWire
+from barewire_workbench.cli.panels.description import description, planned_frames
 from barewire_workbench.cli.panels.line import Busy, PanelLine, running
-from barewire_workbench.cli.panels.server import PanelServer, description, planned_frames
+from barewire_workbench.cli.panels.server import PanelServer
 from barewire_workbench.cli.panels.world import SimulatedWorld
 from barewire_workbench.live.polling import Clock
 from tests.workbench.cli.helpers import error_of

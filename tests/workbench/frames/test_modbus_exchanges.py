@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from barewire.devices import load
 from barewire.rtu import encode
-from barewire_workbench.frames.modbus_exchanges import ExchangeLines, RegisterNames, UnitNames, exchange_as_dict
+from barewire_workbench.frames.modbus_exchanges import Exchanges, RegisterNames, UnitNames, exchange_as_dict
 from barewire_workbench.recordings.modbus_replay import replay
 from tests.helpers import unhex
 
@@ -15,8 +15,8 @@ def lines_of(*pdus: str, names: UnitNames = ADXL, unit: int = 1) -> list[str]:
     log = "\n".join(
         f"{'Rx' if place % 2 else 'Tx'}: {encode(unit, unhex(pdu)).hex(' ')}" for place, pdu in enumerate(pdus)
     )
-    lines = ExchangeLines(timed=False, names=names)
-    return [line for event in replay(log.encode()) for line in lines.feed(event)] + lines.end()
+    lines = Exchanges(timed=False, names=names)
+    return [str(line) for event in replay(log.encode()) for line in lines.feed(event)] + [*map(str, lines.end())]
 
 
 def test_a_scaled_value_with_its_unit() -> None:

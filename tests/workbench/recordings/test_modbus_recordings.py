@@ -13,7 +13,7 @@ from barewire.ascii import encode as ascii_frame
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
-from barewire_workbench.frames.modbus_exchanges import ExchangeLines, exchange_as_dict
+from barewire_workbench.frames.modbus_exchanges import Exchanges, exchange_as_dict
 from barewire_workbench.recordings.capture import (
     Packet,
     PacketBuilder,
@@ -301,8 +301,8 @@ def test_a_log_of_rtu_and_one_of_ascii() -> None:
 
 
 def shown(text: str) -> list[str]:
-    lines = ExchangeLines()
-    return [line for event in replay(text.encode()) for line in lines.feed(event)] + lines.end()
+    lines = Exchanges()
+    return [*map(str, [line for event in replay(text.encode()) for line in lines.feed(event)] + lines.end())]
 
 
 @pytest.mark.parametrize(
@@ -363,7 +363,7 @@ def test_any_exchange_has_a_line_and_a_dict(unit: int, pdu: bytes, answered: boo
     response = ResponseSeen(unit, pdu, 2.0, request=request if answered else None)
     events: list[SnifferEvent] = [request, response, AmbiguousFrame(unit, pdu, 1.0), ResponseMissing(request, 2.0)]
     for event in events:
-        assert bool(ExchangeLines().feed(event)) == (event is not request or unit == 0)
+        assert bool(Exchanges().feed(event)) == (event is not request or unit == 0)
         assert json.loads(json.dumps(exchange_as_dict(event)))["unit"] == unit
 
 

@@ -8,7 +8,7 @@ from pathlib import Path
 
 import pytest
 
-from barewire_workbench.frames.modbus_exchanges import ExchangeLines
+from barewire_workbench.frames.modbus_exchanges import Exchanges
 from barewire_workbench.recordings.modbus_log import LoggedBytes, read_modbus_log
 from barewire_workbench.recordings.modbus_replay import replay_log
 from barewire_workbench.recordings.model import Unread
@@ -25,8 +25,8 @@ ALONE = "unit 1  (request not seen) -> "
 def lines_of(data: bytes) -> list[str]:
     """Return the lines of `barewire sniff`, without times."""
     events = replay_log(data).events
-    lines = ExchangeLines(timed=False)
-    return [line for event in events for line in lines.feed(event)] + lines.end()
+    lines = Exchanges(timed=False)
+    return [*map(str, [line for event in events for line in lines.feed(event)] + lines.end())]
 
 
 @pytest.mark.parametrize(

@@ -7,14 +7,12 @@ from pathlib import Path
 
 import click
 
-from barewire.canopen.frame import AnyFrame, CanFrame
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire_workbench import Explanation, explain_exchange, explain_text
 from barewire_workbench.api import explain_can_text
 from barewire_workbench.cli.arguments import Choice, format_option, json_option, known_nodes, nodes_option
 from barewire_workbench.cli.output import Output, file_content, output_form
-from barewire_workbench.frames.can import explain_can, explain_segment
-from barewire_workbench.monitor import CanMonitor, event_as_dict, event_line
+from barewire_workbench.monitor import event_as_dict, event_line
 from barewire_workbench.monitor.events import Gap, Loss, Violation
 from barewire_workbench.monitor.pdos import PdoTracker
 from barewire_workbench.monitor.recording import BusMonitors, read_recording
@@ -162,7 +160,7 @@ def _explain_recording(
         if isinstance(item, Recorded):
             monitor = monitors.monitor(item.bus)
             if monitor is not None:
-                explanation = _explained(item.frame, monitor)
+                explanation = monitor.explain(item.frame)
                 wrong += not explanation.valid
                 line = f"{log_line(item.at, item.bus or 'can0', item.frame)}  {explanation.verdict}"
                 output.show(line, partial(_recorded_fields, item, explanation))
@@ -175,10 +173,3 @@ def _explain_recording(
 
 def _recorded_fields(item: Recorded, explanation: Explanation) -> dict[str, object]:
     return {"at": item.at, "bus": item.bus, "frame": str(item.frame), **explanation.as_dict()}
-
-
-def _explained(frame: AnyFrame, monitor: CanMonitor) -> Explanation:
-    """Explain a frame from its bytes and the frames before it."""
-    if isinstance(frame, CanFrame) and monitor.takes_segment(frame):
-        return explain_segment(frame)
-    return explain_can(frame, monitor.pdos)

@@ -13,7 +13,7 @@ from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.arguments import duration
 from barewire_workbench.cli.output import check_not_overwritten, port_error
 from barewire_workbench.cli.sources import Source, ports_option, protocol_option, stopped_by_interrupt
-from barewire_workbench.frames.modbus_exchanges import ExchangeLines
+from barewire_workbench.frames.modbus_exchanges import Exchanges
 from barewire_workbench.live.listen import listen
 from barewire_workbench.recordings.modbus_replay import SerialProtocol, replay_log
 from barewire_workbench.replay.recorded import ANSWERS_LIMIT, READS, RecordedLine, RecordedRequest, learn_line, to_toml
@@ -104,7 +104,7 @@ def record_command(
 
 def _live(endpoint: Endpoint, seconds: float | None, window: float, *, shown: bool) -> Iterator[SnifferEvent]:
     """Yield the events of a line, and print its exchanges if they are `shown`."""
-    stop, lines = threading.Event(), ExchangeLines()
+    stop, lines = threading.Event(), Exchanges()
     with stopped_by_interrupt(stop):
         for event in listen(endpoint, stop, seconds=seconds, window=window):
             for row in lines.feed(event) if shown else ():

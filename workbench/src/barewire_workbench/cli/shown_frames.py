@@ -127,8 +127,6 @@ class ShownFrames:
 
 def _can_explainer(device: Device | None, node: str | None) -> Callable[[Any], Explanation]:
     """Return a function that explains a frame from its bytes and the frames before it, with the names of PDOs."""
-    from barewire.canopen.frame import CanFrame
-    from barewire_workbench.frames.can import explain_can, explain_segment
     from barewire_workbench.monitor import CanMonitor, of_device
 
     number = int(node) if node and node.isdecimal() else None
@@ -138,8 +136,7 @@ def _can_explainer(device: Device | None, node: str | None) -> Callable[[Any], E
 
     def explained(frame: Any) -> Explanation:
         nonlocal count
-        is_segment = isinstance(frame, CanFrame) and monitor.takes_segment(frame)
-        explanation = explain_segment(frame) if is_segment else explain_can(frame, monitor.pdos)
+        explanation = monitor.explain(frame)
         count += 1
         monitor.feed(frame, float(count))
         return explanation

@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import threading
-from collections.abc import Iterator
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -12,8 +10,6 @@ import click
 
 from barewire.devices import load
 from barewire.errors import DecodeError, EncodeError
-from barewire.rtu import encode as rtu_frame
-from barewire.tcp import encode as tcp_frame
 from barewire_workbench.cli.arguments import (
     Choice,
     format_option,
@@ -25,10 +21,9 @@ from barewire_workbench.cli.arguments import (
 )
 from barewire_workbench.cli.output import Output, check_not_overwritten, note, output_form, print_json
 from barewire_workbench.cli.sources import (
-    RecordingFile,
     Source,
     UnreadPrinter,
-    check_bus,
+    can_events,
     check_ending,
     ports_option,
     protocol_option,
@@ -36,25 +31,16 @@ from barewire_workbench.cli.sources import (
     seconds_option,
     window_option,
 )
-from barewire_workbench.frames.modbus_exchanges import ExchangeLines, UnitNames, exchange_as_dict
+from barewire_workbench.frames.modbus_exchanges import Exchanges, UnitNames, exchange_as_dict
 from barewire_workbench.live.listen import listen
 from barewire_workbench.monitor import event_as_dict, event_kind, event_line, is_repeated
 from barewire_workbench.monitor.events import EVENT_KINDS, MonitorEvent
-from barewire_workbench.monitor.recording import BUSES_MAX, BusMonitors, CanRecordingWriter
+from barewire_workbench.monitor.recording import BusMonitors
 from barewire_workbench.pictures.picture import rendered
 from barewire_workbench.pictures.recordings import RecordingOptions, recording_picture
-from barewire_workbench.recordings.capture import PacketBuilder, file_header, packet_block
 from barewire_workbench.recordings.modbus_replay import SerialProtocol, replay_parts
-from barewire_workbench.recordings.model import Recorded, Unread
-from barewire_workbench.sniffer import (
-    WINDOW,
-    AmbiguousFrame,
-    NoiseSeen,
-    RecordingEnds,
-    RequestSeen,
-    ResponseMissing,
-    SnifferEvent,
-)
+from barewire_workbench.recordings.modbus_writer import ModbusRecordingWriter
+from barewire_workbench.sniffer import WINDOW
 
 
 @click.command("sniff")
@@ -190,40 +176,21 @@ def _sniff_modbus(
         first, others = traffic.modbus_parts(unread)
         timed, events = first.timed, replay_parts(first, others, window, traffic.protocol)
     else:
-        events = listen(traffic.endpoint, threading.Event(), seconds=seconds, window=window)
-    lines = ExchangeLines(timed=timed, names=names)
+        events = listen(traffic.endpoint, traffic.stop, seconds=seconds, window=window)
+    exchanges = Exchanges(timed=timed, names=names)
     with recording_file(write) as file, suppress(KeyboardInterrupt):  # Ctrl-C ends the reception
-        for event in _written(events, file):
+        writer = ModbusRecordingWriter()
+        if file is not None:
+            file.write(writer.start, frame=False)
+        for event in events:
+            if file is not None and (packet := writer.put(event)):
+                file.write(packet)
             if output.as_json:
                 print_json(exchange_as_dict(event, timed=timed, names=names))
             else:
-                output.text(*lines.feed(event))
-    output.text(*lines.end())
+                output.text(*exchanges.feed(event))
+    output.text(*exchanges.end())
     unread.end()
-
-
-def _written(events: Iterator[SnifferEvent], file: RecordingFile | None) -> Iterator[SnifferEvent]:
-    """Yield the events; the file gets the frame of each as a packet."""
-    packets = PacketBuilder()
-    if file is not None:
-        file.write(file_header(), frame=False)
-    for event in events:
-        if file is not None and (packet := _packet(packets, event)) is not None:
-            file.write(packet_block(event.at, packet))
-        yield event
-
-
-def _packet(packets: PacketBuilder, event: SnifferEvent) -> bytes | None:
-    """Return the frame of an event as a packet; noise becomes a datagram, a missing response nothing."""
-    if isinstance(event, ResponseMissing | RecordingEnds):
-        return None
-    if isinstance(event, NoiseSeen):
-        return packets.rtu(event.noise.data, from_client=True)
-    from_client = isinstance(event, RequestSeen | AmbiguousFrame)
-    number = None if isinstance(event, AmbiguousFrame) else event.transaction
-    if number is None:
-        return packets.rtu(rtu_frame(event.unit, event.pdu), from_client=from_client)
-    return packets.tcp(tcp_frame(event.unit, event.pdu, number), from_client=from_client)
 
 
 # CAN
@@ -242,7 +209,7 @@ def _sniff_can(
     """Print the events that are not repetitions, or all of them; with `only`, those of some kinds."""
     buses: set[str] = set()
     with recording_file(write) as file:
-        for bus_name, event in _can_events(traffic, monitors, bus, file):
+        for bus_name, event in can_events(traffic.can_items(), monitors, bus, file):
             buses.add(bus_name)
             if (only and event_kind(event) not in only) or (is_repeated(event) and not everything):
                 continue
@@ -252,26 +219,3 @@ def _sniff_can(
 
 def _event_fields(event: MonitorEvent, bus: str) -> dict[str, object]:
     return event_as_dict(event) | ({"bus": bus} if bus else {})
-
-
-def _can_events(
-    traffic: Source, monitors: BusMonitors, bus: str | None, file: RecordingFile | None
-) -> Iterator[tuple[str, MonitorEvent]]:
-    """Yield the events of the frames, each with its bus; the file gets the frames."""
-    writer, buses = CanRecordingWriter("" if file is None else file.name), dict[str, None]()
-    if file is not None:
-        file.write(writer.start, frame=False)
-    for item in traffic.can_items():
-        if isinstance(item, float):
-            # Nothing was received up to now: a message that is due is missing.
-            for bus_name, monitor in monitors.monitors.items():
-                for event in monitor.feed(None, item):
-                    yield bus_name, event
-            continue
-        if file is not None and isinstance(item, Recorded) and bus in (None, item.bus):
-            file.write(writer.put(item.at, item.bus, item.frame))
-        if not isinstance(item, Unread) and len(buses) < BUSES_MAX:
-            buses[item.bus] = None
-        yield from monitors.feed(item)
-    yield from monitors.end()
-    check_bus(bus, buses)

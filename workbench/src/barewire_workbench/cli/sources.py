@@ -8,7 +8,7 @@ import signal
 import sys
 import threading
 from collections import Counter
-from collections.abc import Collection, Iterable, Iterator, Mapping
+from collections.abc import Callable, Collection, Iterable, Iterator, Mapping
 from contextlib import AbstractContextManager, contextmanager, nullcontext, suppress
 from io import BufferedReader
 from pathlib import Path
@@ -22,7 +22,15 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.ports.network import reason
 from barewire_workbench.cli.arguments import Choice, duration
 from barewire_workbench.cli.output import Output, note, opened_file, print_json
-from barewire_workbench.monitor.recording import LOG_ENDINGS, is_can_recording, read_recording
+from barewire_workbench.monitor.events import MonitorEvent
+from barewire_workbench.monitor.recording import (
+    BUSES_MAX,
+    LOG_ENDINGS,
+    BusMonitors,
+    CanRecordingWriter,
+    is_can_recording,
+    read_recording,
+)
 from barewire_workbench.recordings.capture import MODBUS_PORTS, is_capture
 from barewire_workbench.recordings.modbus_log import (
     UNREADABLE,
@@ -80,17 +88,20 @@ class Source:
         protocol: SerialProtocol | None = None,
         *,
         whole: bool = False,
+        stop: threading.Event | None = None,
     ) -> None:
         self.name = name
         self.ports = MODBUS_PORTS.union(ports)
         self.protocol = protocol
         self._seconds = seconds
         self._only_recorded: dict[str, object] = {"--port": ports, "--protocol": protocol}
+        self.stop = stop or threading.Event()
+        """Ends the reception, and the reading of a FILE."""
         self.endpoint = Endpoint.parse(name) if "://" in name else None
         if self.endpoint is not None:
             self.is_can = self.endpoint.scheme == "can"
             return
-        self.recording = _opened(name, seconds)
+        self.recording = _opened(name, seconds, self.stop)
         if whole:
             self.recording.whole()
         self.is_can = _is_can(self.recording, self.ports)
@@ -110,15 +121,14 @@ class Source:
         """Return the error of a recording that cannot be read."""
         return BarewireError(f"{self.name}: {error.text}; expected {FORMATS}")
 
-    def can_items(self) -> Iterator[RecordedItem | float]:
-        """Yield the frames of a CAN bus or its recording; of a bus, until Ctrl-C, a time alone when none was
+    def can_items(self, *, until_interrupt: bool = True) -> Iterator[RecordedItem | float]:
+        """Yield the frames of a CAN bus or its recording; of a bus, until `stop` or Ctrl-C, a time alone when none was
         received."""
         if self.endpoint is None:
             yield from read_recording(self.recording)
             return
-        stop = threading.Event()
-        with stopped_by_interrupt(stop):
-            for now, frame in listen_can(self.endpoint, stop, seconds=self._seconds):
+        with stopped_by_interrupt(self.stop) if until_interrupt else nullcontext():
+            for now, frame in listen_can(self.endpoint, self.stop, seconds=self._seconds):
                 yield now if frame is None else Recorded(now, _LIVE_BUS, frame)
 
     def modbus_parts(self, unread: UnreadPrinter) -> tuple[ModbusLog, Iterator[ModbusLog]]:
@@ -142,7 +152,7 @@ class Source:
             note(f"the end of {lines} was left out: too many characters")
 
 
-def _opened(name: str, seconds: float | None) -> RecordingSource:
+def _opened(name: str, seconds: float | None, stop: threading.Event) -> RecordingSource:
     if seconds is not None:
         raise EncodeError("--seconds is for a line; a recording ends by itself")
     if name == "-":
@@ -154,6 +164,8 @@ def _opened(name: str, seconds: float | None) -> RecordingSource:
         click.get_current_context().call_on_close(stream.close)
 
     def read(size: int) -> bytes:
+        if stop.is_set():
+            return b""
         try:
             return cast(BufferedReader, stream).read1(size)
         except KeyboardInterrupt:
@@ -203,10 +215,13 @@ def stopped_by_interrupt(stop: threading.Event) -> Iterator[None]:
 
 
 class UnreadPrinter:
-    """Prints the lines that hold no frame, as objects or in short on stderr, and the notes about a log."""
+    """Prints the lines that hold no frame, as objects or in short on stderr, and the notes about a log.
 
-    def __init__(self, nothing: str, output: Output) -> None:
-        self._nothing, self._output = nothing, output
+    A screen shows the notes itself: it gives another `note`.
+    """
+
+    def __init__(self, nothing: str, output: Output, note: Callable[[str], object] = note) -> None:
+        self._nothing, self._output, self._note = nothing, output, note
         self._first: dict[bool, Unread] = {}  # by whether they look as if they held bytes
         self._numbers: Counter[bool] = Counter()
 
@@ -219,7 +234,7 @@ class UnreadPrinter:
                 print_json({"event": "unread", "line": item.line, "text": item.text, "why": item.why})
             if not item.line:  # several packets at once
                 if not self._output.as_json:
-                    note(item.why)
+                    self._note(item.why)
                 continue
             self._first.setdefault(item.why == UNREADABLE, item)
             self._numbers[item.why == UNREADABLE] += 1
@@ -228,7 +243,7 @@ class UnreadPrinter:
         """Yield the parts of a log, with their notes and unread lines printed."""
         for log in parts:
             for text in log.notes:
-                note(text)
+                self._note(text)
             self.items(log.items)
             yield log
 
@@ -238,7 +253,30 @@ class UnreadPrinter:
             number = self._numbers[has_bytes]
             lines = "1 line holds" if number == 1 else f"{number} lines hold"
             what = "bytes that cannot be read" if has_bytes else self._nothing
-            note(f"{lines} {what}, the first is line {first.line}: {first.text or first.why}")
+            self._note(f"{lines} {what}, the first is line {first.line}: {first.text or first.why}")
+
+
+def can_events(
+    items: Iterable[RecordedItem | float], monitors: BusMonitors, bus: str | None, file: RecordingFile | None
+) -> Iterator[tuple[str, MonitorEvent]]:
+    """Yield the events of the items of a `Source`, each with its bus; the file gets the frames."""
+    writer, buses = CanRecordingWriter("" if file is None else file.name), dict[str, None]()
+    if file is not None:
+        file.write(writer.start, frame=False)
+    for item in items:
+        if isinstance(item, float):
+            # Nothing was received up to now: a message that is due is missing.
+            for bus_name, monitor in monitors.monitors.items():
+                for event in monitor.feed(None, item):
+                    yield bus_name, event
+            continue
+        if file is not None and isinstance(item, Recorded) and bus in (None, item.bus):
+            file.write(writer.put(item.at, item.bus, item.frame))
+        if not isinstance(item, Unread) and len(buses) < BUSES_MAX:
+            buses[item.bus] = None
+        yield from monitors.feed(item)
+    yield from monitors.end()
+    check_bus(bus, buses)
 
 
 def check_bus(bus: str | None, seen: Collection[str]) -> None:

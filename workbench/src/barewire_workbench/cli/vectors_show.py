@@ -30,7 +30,6 @@ from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.frame import CanFrame
 from barewire.errors import BarewireError, EncodeError
 from barewire_workbench import Explanation, FrameRole, explain_text
-from barewire_workbench.frames.can import explain_can, explain_segment
 from barewire_workbench.frames.modbus import explain_pdu
 from barewire_workbench.frames.result import as_problem, explained_fields
 from barewire_workbench.monitor import CanMonitor
@@ -217,7 +216,7 @@ class _Bus:
         self._monitor, self._now = CanMonitor(), 0.0
 
     def explained(self, frame: CanFrame, *, is_lost: bool = False) -> Explanation:
-        explanation = explain_segment(frame) if self._monitor.takes_segment(frame) else explain_can(frame)
+        explanation = self._monitor.explain(frame)
         self._now += 0.001
         if not is_lost:
             self._monitor.feed(frame, self._now)

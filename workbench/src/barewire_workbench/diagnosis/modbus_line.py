@@ -12,7 +12,7 @@ recording that ends before proves nothing.
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from typing import NamedTuple
 
@@ -563,8 +563,13 @@ class LineDiagnosis:
         return request.unit in self._listening
 
 
+def _ignore(event: SnifferEvent, protocol: ProtocolName) -> None:
+    """Take an event for nobody."""
+
+
 class ModbusLogDiagnosis:
-    """A whole log of Modbus: each serial line and each TCP connection in it has its own diagnosis.
+    """A whole log of Modbus: each serial line and each TCP connection in it has its own diagnosis. `on_event` gets each
+    event of the sniffer, and its framing, before the findings that follow from it.
 
     >>> from barewire_workbench.recordings.modbus_log import read_modbus_log
     >>> log = ModbusLogDiagnosis(read_modbus_log(b"1.0 01 03 00 00 00 02 C4 0B\\n1.1 01 83 02 C0 F1\\n"))
@@ -572,8 +577,15 @@ class ModbusLogDiagnosis:
     ([], 'a device refused or reported something')
     """
 
-    def __init__(self, log: ModbusLog, window: float = WINDOW, protocol: SerialProtocol | None = None) -> None:
+    def __init__(
+        self,
+        log: ModbusLog,
+        window: float = WINDOW,
+        protocol: SerialProtocol | None = None,
+        on_event: Callable[[SnifferEvent, ProtocolName], object] = _ignore,
+    ) -> None:
         self.log = log
+        self._on_event = on_event
         self.lines: dict[str, LineDiagnosis] = {}
         self._tracked: dict[str, list[TrackedLine]] = {}
         self._place: tuple[int, bool | None] = (0, None)
@@ -620,6 +632,7 @@ class ModbusLogDiagnosis:
     def _taken(self, events: Iterable[tuple[str, SnifferEvent]]) -> Iterator[LogFinding]:
         by_line: dict[str, list[SnifferEvent]] = {}
         for name, event in events:
+            self._on_event(event, self.lines[name].protocol)
             by_line.setdefault(name, []).append(event)
         for name in self._sniffers.touched:
             pieces = [piece for tracked in self._tracked[name] for piece in tracked.take()]
@@ -644,7 +657,14 @@ class LiveDiagnosis:
     ([], 'nothing wrong')
     """
 
-    def __init__(self, line: HeardLine, protocol: ProtocolName, window: float = WINDOW) -> None:
+    def __init__(
+        self,
+        line: HeardLine,
+        protocol: ProtocolName,
+        window: float = WINDOW,
+        on_event: Callable[[SnifferEvent, ProtocolName], object] = _ignore,
+    ) -> None:
+        self._on_event = on_event
         self._tracked = TrackedLine(line, protocol)
         self._sniffer = Sniffer(self._tracked, window=window)
         self._diagnosis = LineDiagnosis(protocol)
@@ -659,13 +679,16 @@ class LiveDiagnosis:
 
     def feed(self, data: bytes | None, now: float) -> list[LogFinding]:
         """Take bytes, the last of them received at `now`, or None if only time has passed. Return the findings."""
-        events = self._sniffer.feed(data, now)
-        return self._diagnosis.take(self._tracked.take(), events)
+        return self._taken(self._sniffer.feed(data, now))
 
     def end(self, now: float) -> list[LogFinding]:
         """End the reception, and return the last findings."""
-        events = self._sniffer.end(now)
-        return [*self._diagnosis.take(self._tracked.take(), events), *self._diagnosis.flush()]
+        return [*self._taken(self._sniffer.end(now)), *self._diagnosis.flush()]
+
+    def _taken(self, events: list[SnifferEvent]) -> list[LogFinding]:
+        for event in events:
+            self._on_event(event, self._diagnosis.protocol)
+        return self._diagnosis.take(self._tracked.take(), events)
 
     def verdicts(self) -> list[LineVerdict]:
         """Return what the numbers show about the line."""

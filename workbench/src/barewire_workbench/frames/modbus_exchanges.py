@@ -188,27 +188,50 @@ _SHOWN = 12
 """The most values or bytes of an answer in a line; `exchange_as_dict` has all of them."""
 
 
-# Lines --------------------------------------------------------------------------------------------------------------
+# Exchanges ----------------------------------------------------------------------------------------------------------
+
+
+class Exchange(NamedTuple):
+    """A request and what became of it, or bytes without a frame; `str` is its line.
+
+    `who` is "unit 1", "all" or "noise". `wrong`: refused, late, not answered, or not a frame. `events` are its frames
+    and the noise in place of them. `seconds` is the time until its answer, if that is known.
+    """
+
+    at: float
+    who: str
+    text: str
+    wrong: bool
+    events: tuple[SnifferEvent, ...]
+    seconds: float | None = None
+    remark: str = ""
+    timed: bool = True
+
+    def __str__(self) -> str:
+        at = f"{self.at:.6f}  " if self.timed else ""
+        after = "" if self.seconds is None else f", after {1e3 * self.seconds:.1f} ms"
+        return f"{at}{self.who:<6}  {self.text}{after}{self.remark}"
 
 
 class _Row:
-    """The line of an exchange, or None while its answer may come, and the noise behind its request."""
+    """An exchange, or None while its answer may come, and the noise behind its request."""
 
-    def __init__(self, request: RequestSeen | None, line: str | None) -> None:
+    def __init__(self, request: RequestSeen | None, exchange: Exchange | None) -> None:
         self.request = request
-        self.line = line
+        self.exchange = exchange
         self.noise: list[NoiseSeen] = []
 
 
-class ExchangeLines:
-    """Turns events into lines. `timed` is False for a recording without times: then lines have no times either.
+class Exchanges:
+    """Turns events into exchanges. `timed` is False for a recording without times: then lines have no times either.
 
-    >>> lines = ExchangeLines()
+    >>> exchanges = Exchanges()
     >>> request = RequestSeen(1, bytes.fromhex("0300000002"), 1.0)
-    >>> lines.feed(request)
+    >>> exchanges.feed(request)
     []
-    >>> lines.feed(ResponseSeen(1, bytes.fromhex("030400170007"), 1.0123, request=request))
-    ['1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 12.3 ms']
+    >>> for exchange in exchanges.feed(ResponseSeen(1, bytes.fromhex("030400170007"), 1.0123, request=request)):
+    ...     print(exchange)
+    1.000000  unit 1  Read Holding Registers, 2 from 0000h -> 23 7, after 12.3 ms
     """
 
     def __init__(self, *, timed: bool = True, names: UnitNames | None = None) -> None:
@@ -219,45 +242,49 @@ class ExchangeLines:
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {len(self._rows)} waiting>"
 
-    def feed(self, event: SnifferEvent) -> list[str]:
-        """Return the lines that are complete now, in the order of their times."""
+    def feed(self, event: SnifferEvent) -> list[Exchange]:
+        """Return the exchanges that are complete now, in the order of their times."""
         match event:
             case RequestSeen() if event.unit or event.transaction is not None:
                 self._rows.append(_Row(event, None))
             # Noise behind a request may be its damaged answer, so it is shown with what becomes of that.
-            case NoiseSeen() if self._rows and self._rows[-1].line is None:
+            case NoiseSeen() if self._rows and self._rows[-1].exchange is None:
                 self._rows[-1].noise.append(event)
             case ResponseMissing() | RecordingEnds():
                 self._close(event.request, self._unanswered(event))
             case ResponseSeen(request=RequestSeen() as request) if not event.late:
                 self._close(request, self._answered(event, request))
             case _:
-                self._rows.append(_Row(None, self._line(event)))
+                self._rows.append(_Row(None, self._alone(event)))
         return self._complete()
 
-    def end(self) -> list[str]:
-        """Return the lines that are left: of requests whose end was not reported."""
+    def end(self) -> list[Exchange]:
+        """Return the exchanges that are left: requests whose end was not reported."""
         for row in self._rows:
-            if row.line is None and row.request is not None:
-                row.line = f"{self._request(row.request)} -> the recording ends here"
+            if row.exchange is None and row.request is not None:
+                row.exchange = self._of(row.request, "the recording ends here", False)
         return self._complete()
 
-    def _close(self, request: RequestSeen, line: str) -> None:
+    def _close(self, request: RequestSeen, exchange: Exchange) -> None:
         row = next((row for row in self._rows if row.request is request), None)
         if row is None:
-            self._rows.append(_Row(None, line))
+            self._rows.append(_Row(None, exchange))
         else:
-            row.line = line
+            row.exchange = exchange
 
-    def _complete(self) -> list[str]:
-        lines: list[str] = []
-        while self._rows and (line := self._rows[0].line) is not None:
+    def _complete(self) -> list[Exchange]:
+        complete: list[Exchange] = []
+        while self._rows and (exchange := self._rows[0].exchange) is not None:
             row = self._rows.popleft()
-            lines += [line, *(self._line(noise) for noise in row.noise)]
-        return lines
+            complete += [exchange, *(self._alone(noise) for noise in row.noise)]
+        return complete
 
-    def _unanswered(self, event: ResponseMissing | RecordingEnds) -> str:
-        """Return the line of a request without an answer. Noise behind it is part of it: perhaps the damaged answer."""
+    def _of(self, request: RequestSeen, result: str, wrong: bool, *events: SnifferEvent) -> Exchange:
+        text = f"{explain_pdu(request.pdu, 'request').summary} -> {result}"
+        return Exchange(request.at, f"unit {request.unit}", text, wrong, (request, *events), timed=self._timed)
+
+    def _unanswered(self, event: ResponseMissing | RecordingEnds) -> Exchange:
+        """Return a request without an answer. Noise behind it is part of it: perhaps the damaged answer."""
         row = next((row for row in self._rows if row.request is event.request), None)
         noise = [] if row is None else row.noise
         ending = "no answer" if isinstance(event, ResponseMissing) else "the recording ends here"
@@ -267,17 +294,16 @@ class ExchangeLines:
             text = noise[0].noise.text if len(noise) == 1 else f"{len(noise)} pieces"
             then = "" if isinstance(event, ResponseMissing) else "; the recording ends here"
             ending = f"no valid answer: {_clipped(data.hex(' ').upper().split())} ({text}){then}"
-        return f"{self._request(event.request)} -> {ending}"
+        return self._of(event.request, ending, bool(noise) or isinstance(event, ResponseMissing), *noise)
 
-    def _answered(self, event: ResponseSeen, request: RequestSeen) -> str:
-        line = f"{self._request(request)} -> {self._values(request, event)}"
-        seconds = event.at - request.at
-        if self._timed and seconds > 0:
-            line += f", after {1e3 * seconds:.1f} ms"
+    def _answered(self, event: ResponseSeen, request: RequestSeen) -> Exchange:
+        wrong = _is_refused(event) or event.message is None
+        exchange = self._of(request, self._values(request, event), wrong, event)
         if event.older is not None:
-            older = explain_pdu(event.older.pdu, "request").summary
-            line += f"; it may also be the late answer to {self._time(event.older.at).strip()} {older}"
-        return line
+            older = f"{self._time(event.older.at).strip()} {explain_pdu(event.older.pdu, 'request').summary}"
+            exchange = exchange._replace(remark=f"; it may also be the late answer to {older}")
+        seconds = event.at - request.at
+        return exchange._replace(seconds=seconds) if self._timed and seconds > 0 else exchange
 
     def _values(self, request: RequestSeen, event: ResponseSeen) -> str:
         named = self._names.text(request, event) if self._names is not None else ""
@@ -286,30 +312,30 @@ class ExchangeLines:
             return result
         return f"{result}: {named}" if result == "done" else named
 
-    def _line(self, event: SnifferEvent) -> str:
-        """Return the line of an event that is not one half of an exchange."""
-        at = self._time(event.at)
+    def _alone(self, event: SnifferEvent) -> Exchange:
+        """Return an event that is not one half of an exchange."""
+        wrong, before = False, ()
         match event:
             case RequestSeen():
-                return f"{at}all     {explain_pdu(event.pdu, 'request').summary} (broadcast)"
+                who, text = "all", f"{explain_pdu(event.pdu, 'request').summary} (broadcast)"
             case AmbiguousFrame():
                 summary = explain_pdu(event.pdu, "request").summary
-                return f"{at}unit {event.unit}  {summary} -> seen once: the request or its echo"
+                who, text = f"unit {event.unit}", f"{summary} -> seen once: the request or its echo"
             case NoiseSeen():
-                return f"{at}noise   {_clipped(event.noise.data.hex(' ').upper().split())} ({event.noise.text})"
-            case ResponseSeen(request=request):
-                if request is None:
-                    summary = explain_pdu(event.pdu, "response").summary
-                    return f"{at}unit {event.unit}  (request not seen) -> {summary}"
+                digits = _clipped(event.noise.data.hex(" ").upper().split())
+                who, text, wrong = "noise", f"{digits} ({event.noise.text})", True
+            case ResponseSeen(request=None):
+                summary = explain_pdu(event.pdu, "response").summary
+                who, text = f"unit {event.unit}", f"(request not seen) -> {summary}"
+            case ResponseSeen(request=RequestSeen() as request):
                 requested = explain_pdu(request.pdu, "request").summary
                 late = f"{1e3 * (event.at - request.at):.1f} ms after its request, and " if self._timed else ""
                 values = self._values(request, event)
-                return f"{at}unit {event.unit}  {requested} -> {values}, late: {late}after the next one"
+                text = f"{requested} -> {values}, late: {late}after the next one"
+                who, wrong, before = f"unit {event.unit}", True, (request,)
             case ResponseMissing() | RecordingEnds():
                 return self._unanswered(event)
-
-    def _request(self, request: RequestSeen) -> str:
-        return f"{self._time(request.at)}unit {request.unit}  {explain_pdu(request.pdu, 'request').summary}"
+        return Exchange(event.at, who, text, wrong, (*before, event), timed=self._timed)
 
     def _time(self, at: float) -> str:
         return f"{at:.6f}  " if self._timed else ""

@@ -500,15 +500,47 @@ def is_repeated(event: MonitorEvent) -> bool:
     return bool(getattr(event, "repeated", False))
 
 
+def is_wrong(event: MonitorEvent) -> bool:
+    """Return whether the event is a fault, a refusal, or something that is missing.
+
+    >>> is_wrong(EmcyReport(1.0, 5, 0x4210, 9, bytes(5))), is_wrong(EmcyReport(2.0, 5, 0, 0, bytes(5)))
+    (True, False)
+    """
+    match event:
+        case Violation() | Gap() | Loss() | BusErrorReport() | Unread():
+            return True
+        case SdoTransferReport():
+            return event.outcome not in ("done", "cut")
+        case EmcyReport():
+            return event.code != 0
+        case NodeReport() | SyncReport():
+            return event.kind == "missing"
+    return False
+
+
+class EventColumns(NamedTuple):
+    """What the line of an event shows behind its time."""
+
+    node: str
+    service: str
+    text: str
+
+
+def event_columns(event: MonitorEvent) -> EventColumns:
+    """Return the columns of the line of an event."""
+    form = _FORMS[type(event)]
+    node, service = (column if isinstance(column, str) else column(event) for column in (form.node, form.service))
+    return EventColumns(node, service, form.text(event))
+
+
 def event_line(event: MonitorEvent) -> str:
     """Return the event as one line.
 
     >>> event_line(Loss(1.5, 5, 1, "segment 3 did not arrive"))
     '1.500000  node 5    LOSS        segment 3 did not arrive'
     """
-    form = _FORMS[type(event)]
-    node, service = (column if isinstance(column, str) else column(event) for column in (form.node, form.service))
-    return f"{event.at:.6f}  {node:<8}  {service:<10}  {form.text(event)}".rstrip()
+    node, service, text = event_columns(event)
+    return f"{event.at:.6f}  {node:<8}  {service:<10}  {text}".rstrip()
 
 
 def event_as_dict(event: MonitorEvent) -> dict[str, Any]:

@@ -22,8 +22,9 @@ from collections.abc import Iterable
 
 from barewire.canopen.cob_ids import CobService, classify, is_restricted
 from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
-from barewire_workbench.frames.can import error_frame_text, is_overrun
+from barewire_workbench.frames.can import error_frame_text, explain_can, explain_segment, is_overrun
 from barewire_workbench.frames.known_node import KnownNode
+from barewire_workbench.frames.result import Explanation
 from barewire_workbench.monitor.events import (
     BusErrorReport,
     ForeignFrameReport,
@@ -174,6 +175,12 @@ class CanMonitor:
         """Return whether this frame, coming now, would be a segment of a block. Its bytes alone do not show it."""
         found = self.channels.find(frame)
         return found is not None and found[0].takes_segment(found[1], frame.data)
+
+    def explain(self, frame: AnyFrame) -> Explanation:
+        """Explain a frame that comes now: in a block transfer it may be a segment, and a PDO has a mapping."""
+        if isinstance(frame, CanFrame) and self.takes_segment(frame):
+            return explain_segment(frame)
+        return explain_can(frame, self.pdos)
 
     # Time
 

@@ -28,7 +28,7 @@ from barewire.devices.device import Device, drive_roles
 from barewire.devices.parameter import ModbusAt
 from barewire.errors import BarewireError, DecodeError
 from barewire.modbus.messages.base import EXCEPTION_BIT
-from barewire_workbench.frames.can import explain_can, explain_segment
+from barewire_workbench.frames.can import explain_can
 from barewire_workbench.frames.known_node import KnownNode
 from barewire_workbench.frames.modbus import explain_pdu
 from barewire_workbench.frames.modbus_exchanges import RegisterNames, UnitNames
@@ -149,8 +149,7 @@ class FrameExplainer:
         if not isinstance(frame, CanFrame):
             wrong = isinstance(frame, ErrorFrame)
             return SequenceMessage(MASTER, "", _summary(explain_can(frame)), frame.data, at, wrong)
-        segment = self._monitor.takes_segment(frame)
-        explanation = explain_segment(frame) if segment else explain_can(frame, self._monitor.pdos)
+        explanation = self._monitor.explain(frame)
         self._monitor.feed(frame, at)
         source, target = can_stations(frame)
         return SequenceMessage(source, target, _summary(explanation), frame.data, at, not explanation.valid)

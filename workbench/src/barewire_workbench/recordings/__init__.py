@@ -10,4 +10,5 @@ The files, in reading order:
     blf              Vector BLF, binary
     modbus_log/      recordings of Modbus in any form: logs of programs, exports, dumps, captures
     modbus_replay    any recording of Modbus, decoded by the sniffer
+    modbus_writer    what the sniffer has seen, as a capture
 """

@@ -1,7 +1,8 @@
-"""The panel of a machine: a page for browsers, behind `barewire panel`.
+"""The panel of a machine: a page for browsers, behind `barewire panel`; the folder terminal has it without a browser.
 
-line      the machine: one thread polls what is looked at, writes, and keeps the frames that pass
-server    the page, its stream of events, and who may write
-world     the environment and the faults of a simulated machine
-page/     the files of the page
+line          the machine: one thread polls what is looked at, writes, and keeps the frames that pass
+description   what is shown before anything is read, and the frames of a write before they are sent
+server        the page, its stream of events, and who may write
+world         the environment and the faults of a simulated machine
+page/         the files of the page
 """

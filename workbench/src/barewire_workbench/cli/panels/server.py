@@ -27,17 +27,14 @@ from urllib.parse import urlsplit
 
 from microdot import Microdot, Request, Response
 
-from barewire.devices import Device, Parameter
-from barewire.devices.cia402 import STATUS_PATTERNS, TRANSITIONS
-from barewire.devices.request_checks import to_write
+from barewire.devices import Parameter
 from barewire.errors import BarewireError, PortError
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.network import reason
-from barewire_workbench.cli.dry_run import address_text, frames_of, raw_text
+from barewire_workbench.cli.dry_run import address_text, raw_text
+from barewire_workbench.cli.panels.description import description, planned_frames, value_to_write
 from barewire_workbench.cli.panels.line import Busy, PanelLine
 from barewire_workbench.cli.panels.world import SimulatedWorld
-from barewire_workbench.cli.shown_frames import ShownFrames
-from barewire_workbench.cli.value_text import parse_value
 
 _FILES = files("barewire_workbench.cli.panels") / "page"
 _KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
@@ -269,9 +266,7 @@ class PanelServer:
         parameter = self.line.device.find(name)
         if text.startswith("@") and parameter.type in ("octets", "domain"):
             raise BarewireError(f"{parameter.name}: a browser names no file of this machine: expected bytes")
-        value = parse_value(parameter, text)
-        ((parameter, _),) = to_write(self.line.device, {parameter.name: value}, False)
-        return parameter, value
+        return value_to_write(self.line.device, parameter.name, text)
 
 
 def _named_text(request: Request) -> tuple[str, str]:
@@ -310,70 +305,3 @@ def _answer(value: dict[str, Any], status: int = 200) -> Response:
 
 def _problem(text: str, status: int) -> Response:
     return _answer({"problem": text}, status)
-
-
-def planned_frames(endpoint: str, device: Device, parameter: Parameter, value: Any) -> list[tuple[str, str]]:
-    """Return the frames that write a value, each with its meaning."""
-    rows: list[tuple[str, str]] = []
-    shown = _Collected(endpoint, device, rows)
-    for frame in frames_of(endpoint, device, {parameter.name: value}, force=False):
-        shown.show("would send", frame)
-    return rows
-
-
-class _Collected(ShownFrames):
-    """Collects explained frames."""
-
-    def __init__(self, endpoint: str, device: Device, rows: list[tuple[str, str]]) -> None:
-        super().__init__(endpoint, device)
-        self._rows = rows
-
-    def show_frame(self, word: str, digits: str, explanation: Any) -> None:
-        """Add a frame."""
-        self._rows.append((digits, explanation.verdict))
-
-
-def description(device: Device, endpoint: str) -> dict[str, Any]:
-    """Return what the page shows of a device before anything is read: its groups, parameters, and role as a drive."""
-    is_can = Endpoint.parse(endpoint).scheme == "can"
-    groups: dict[str, list[dict[str, Any]]] = {}
-    for row in device.parameters:
-        if (row.object if is_can else row.modbus) is not None:
-            groups.setdefault(row.group or "Parameters", []).append(_row(row, is_can))
-    drive = None
-    if device.drive is not None:
-        drive = {
-            "status": device.drive.status_word,
-            "control": device.drive.control_word,
-            "patterns": {state.value: pattern for state, pattern in STATUS_PATTERNS.items()},
-            "transitions": [
-                (step.number, step.source.value, step.target.value, step.command.text, int(step.command))
-                for step in TRANSITIONS
-                if step.command is not None
-            ],
-        }
-    return {"device": device.name, "endpoint": endpoint, "groups": groups, "drive": drive}
-
-
-def _row(row: Parameter, is_can: bool) -> dict[str, Any]:
-    return {
-        "name": row.name,
-        "type": row.type,
-        "unit": row.unit,
-        "access": row.access,
-        "range": range_text(row),
-        "place": address_text(row, is_can=is_can),
-        "values": {str(number): text for number, text in row.values.items()},
-        "note": row.note,
-    }
-
-
-def range_text(row: Parameter) -> str:
-    """Return the range as a page shows it; empty without limits."""
-    if row.minimum is None and row.maximum is None:
-        return ""
-    low, high = (
-        "" if limit is None else f"{limit:g}" if abs(limit) < 1e6 else str(limit)
-        for limit in (row.minimum, row.maximum)
-    )
-    return f"{low} … {high}".strip()
