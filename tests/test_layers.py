@@ -95,6 +95,7 @@ THIRD_PARTY = {
     "prometheus_client": ("barewire/gateway/status.py",),
     "click": ("barewire_workbench/cli/*.py",),
     "rich": ("barewire_workbench/cli/*.py",),
+    "textual": ("barewire_workbench/cli/terminal/*.py",),
     "matplotlib": ("barewire_workbench/cli/plot.py",),
 }
 

@@ -177,6 +177,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     # panel
     (("panel", TCP, "adxl", "--port", "70000"), "70000 is not in the range 0<=x<=65535"),
     (("panel", TCP, "adxl", "--period", "0"), "0.0 is not in the range 0.05<=x<=3600"),
+    (("panel", TCP, "adxl", "--terminal", "--port", "8510"), "expected no --terminal beside it"),
     # lab
     (("lab", "12"), "'12': expected the number of a lab, 1 to 11"),
     (("lab", "one"), "'one': expected the number of a lab"),
@@ -231,6 +232,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("sniff", CAN, "--device", "az4"), "did you mean 'az3'?"),
     *((("sniff", CAN, "--device", "az3", "--node", text), "--node") for text in ("0", "128", "x")),
     ((*SNIFF, "--write", "x.txt"), "--write x.txt: expected a name that ends in .pcapng"),
+    ((*SNIFF, "--live", "--json"), "expected no --json, --format or --picture beside it"),
     (("sniff", CAN, "--write", "x.asc"), "--write x.asc: expected a name that ends in .pcapng, .log, .txt or .candump"),
     # record
     (("record",), "Missing argument 'ENDPOINT|FILE'; see barewire record --help"),

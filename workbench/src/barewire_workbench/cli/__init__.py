@@ -18,6 +18,7 @@
     log_file, plot    the log of `watch --to`; `plot`: a log as curves
     drive             `drive`: enable, move and stop a drive
     panel, panels/    `panel`: the page of a machine for browsers
+    terminal/         the screens of `panel --terminal` and `sniff --live`
     shown_frames      `--frames` of read, write, drive and demo: the frames of a command as they pass
     explain           `explain`: frames and recordings
     send, steps       `send`: a frame typed by hand, its answer explained; `steps`: calculations step by step

@@ -63,6 +63,13 @@ def ended_by_signals(*, interrupt: bool = False) -> Iterator[Callable[[], None]]
                 signal.signal(number, before)
 
 
+def on_ending_signals(end: Callable[[], object]) -> None:
+    """Call a function at each signal that would end the process, Ctrl-C too, from now on: for an event loop."""
+    for number in (*_ENDING_SIGNALS, signal.SIGINT):
+        if signal.getsignal(number) is not signal.SIG_IGN:
+            signal.signal(number, lambda *_: end())
+
+
 # Late responses
 
 

@@ -114,6 +114,17 @@ def status_line() -> Iterator[Callable[[str], None] | None]:
         show("")
 
 
+@contextmanager
+def needs_extra(what: str, name: str, package: str) -> Iterator[None]:
+    """Within the block, where a package of an extra is imported, raise PortError with the name of that extra."""
+    try:
+        yield
+    except ModuleNotFoundError as error:
+        if (error.name or "").partition(".")[0] != package:
+            raise
+        raise PortError(f"{what} needs the extra '{name}': pip install 'barewire[{name}]'") from None
+
+
 # Files
 
 

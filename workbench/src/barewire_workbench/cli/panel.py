@@ -1,16 +1,17 @@
-"""`barewire panel`: the page of a machine for browsers on this computer, until interrupted."""
+"""`barewire panel`: a machine on a page for browsers on this computer, or in the terminal, until interrupted."""
 
 from __future__ import annotations
 
 import asyncio
-import signal
 from typing import TYPE_CHECKING
 
 import click
 
 from barewire.devices import Device
-from barewire.errors import PortError
+from barewire.errors import EncodeError
 from barewire_workbench.cli.arguments import device_argument, endpoint_argument, load_device, no_check_option
+from barewire_workbench.cli.ending import on_ending_signals
+from barewire_workbench.cli.output import needs_extra
 
 if TYPE_CHECKING:
     from barewire_workbench.cli.panels.world import SimulatedWorld
@@ -20,7 +21,8 @@ if TYPE_CHECKING:
 @endpoint_argument
 @device_argument
 @click.option("--write", "writable", is_flag=True, help="Let the page write values; the URL has a token then.")
-@click.option("--port", type=click.IntRange(0, 65535), default=0, help="TCP port of the page; without it, a free one.")
+@click.option("--terminal", is_flag=True, help="Show the machine here, in the terminal, instead of a page.")
+@click.option("--port", type=click.IntRange(0, 65535), help="TCP port of the page; without it, a free one.")
 @click.option(
     "--period",
     type=click.FloatRange(0.05, 3600),
@@ -30,7 +32,9 @@ if TYPE_CHECKING:
     help="Seconds between two polls; the line is used half of the time at most.",
 )
 @no_check_option
-def panel_command(endpoint: str, device: str, writable: bool, port: int, period: float, no_check: bool) -> None:
+def panel_command(
+    endpoint: str, device: str, writable: bool, terminal: bool, port: int | None, period: float, no_check: bool
+) -> int:
     """Show a machine in a browser: live values, frames, writes.
 
     Until it is interrupted it serves a page with the values by group, each frame on the wire, explained on click, the
@@ -41,12 +45,24 @@ def panel_command(endpoint: str, device: str, writable: bool, port: int, period:
     \b
     barewire panel "rtu:///dev/ttyUSB0?unit=1" adxl
     barewire panel tcp://127.0.0.1:1502 csd-mt --write --port 8510
+    barewire panel tcp://127.0.0.1:1502 csd-mt --write --terminal
 
-    It needs microdot: pip install barewire[panel]. From another computer: ssh -L 8510:127.0.0.1:8510 HOST.
+    It needs microdot: pip install barewire[panel]. From another computer: ssh -L 8510:127.0.0.1:8510 HOST. With
+    --terminal it needs textual instead: pip install barewire[terminal].
     """
-    serve_panel(
-        load_device(device, endpoint), endpoint, writable=writable, port=port, period=period, check=not no_check
-    )
+    described = load_device(device, endpoint)
+    if not terminal:
+        serve_panel(described, endpoint, writable=writable, port=port or 0, period=period, check=not no_check)
+        return 0
+    if port is not None:
+        raise EncodeError("--port is that of the page for browsers: expected no --terminal beside it")
+    with needs_extra("--terminal", "terminal", "textual"):
+        from barewire_workbench.cli.terminal.machine import show_machine
+        from barewire_workbench.cli.terminal.screen import check_terminal
+    from barewire_workbench.cli.panels.line import PanelLine
+
+    check_terminal("--terminal")
+    return show_machine(PanelLine(described, endpoint, period=period, check=not no_check), writable=writable)
 
 
 def serve_panel(
@@ -61,19 +77,13 @@ def serve_panel(
 ) -> None:
     """Serve the page of a machine until a signal ends it. Raises PortError for the port of the page, and without
     microdot. The port of the machine is opened when a browser looks."""
-    try:
+    with needs_extra("the page", "panel", "microdot"):
         from barewire_workbench.cli.panels.line import PanelLine, running
         from barewire_workbench.cli.panels.server import PanelServer
-    except ModuleNotFoundError as error:
-        if error.name != "microdot":
-            raise
-        raise PortError("the page needs the extra 'panel': pip install 'barewire[panel]'") from None
 
     async def serve() -> None:
         loop, ended = asyncio.get_running_loop(), asyncio.Event()
-        for number in (signal.SIGINT, signal.SIGTERM, getattr(signal, "SIGHUP", signal.SIGTERM)):
-            if signal.getsignal(number) is not signal.SIG_IGN:
-                signal.signal(number, lambda *_: loop.call_soon_threadsafe(ended.set))
+        on_ending_signals(lambda: loop.call_soon_threadsafe(ended.set))
         with running(PanelLine(device, endpoint, period=period, check=check)) as line:
             server = PanelServer(line, writable=writable, world=world)
             await server.start(port)

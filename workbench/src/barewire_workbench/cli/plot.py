@@ -9,7 +9,7 @@ from pathlib import Path
 import click
 
 from barewire.errors import EncodeError, PortError
-from barewire_workbench.cli.output import note, port_error
+from barewire_workbench.cli.output import needs_extra, note, port_error
 from barewire_workbench.value_log.reader import Curve, broken, read_logs
 
 _FORMATS = (".svg", ".png", ".pdf")
@@ -52,10 +52,8 @@ def check_plot_file(option: str, file: str) -> None:
         raise EncodeError(f"{option} {file}: expected a file, not a directory")
     if not os.access(path if path.exists() else path.parent, os.W_OK):
         raise PortError(f"{option} {file}: no permission to write there")
-    try:
+    with needs_extra("drawing", "plot", "matplotlib"):
         import matplotlib  # noqa: F401
-    except ModuleNotFoundError:
-        raise PortError("drawing needs the extra 'plot': pip install 'barewire[plot]'") from None
 
 
 def draw_plot(name: str, file: str, curves: Sequence[Curve]) -> None:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import threading
+from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
@@ -19,7 +21,7 @@ from barewire_workbench.cli.arguments import (
     nodes_option,
     units_option,
 )
-from barewire_workbench.cli.output import Output, check_not_overwritten, note, output_form, print_json
+from barewire_workbench.cli.output import Output, check_not_overwritten, needs_extra, note, output_form, print_json
 from barewire_workbench.cli.sources import (
     Source,
     UnreadPrinter,
@@ -31,6 +33,8 @@ from barewire_workbench.cli.sources import (
     seconds_option,
     window_option,
 )
+from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
+from barewire_workbench.frames.known_node import KnownNode
 from barewire_workbench.frames.modbus_exchanges import Exchanges, UnitNames, exchange_as_dict
 from barewire_workbench.live.listen import listen
 from barewire_workbench.monitor import event_as_dict, event_kind, event_line, is_repeated
@@ -74,6 +78,7 @@ from barewire_workbench.sniffer import WINDOW
 @click.option("--all", "everything", is_flag=True, help="CAN: also every heartbeat, SYNC and unchanged PDO.")
 @format_option
 @click.option("--picture", type=Choice(["sequence", "states"]), help="Of a FILE: its messages, or a drive's states.")
+@click.option("--live", is_flag=True, help="A screen in the terminal: a list, the chosen exchange explained, filters.")
 def sniff_command(
     source: str,
     as_json: bool,
@@ -91,7 +96,8 @@ def sniff_command(
     everything: bool,
     form: str | None,
     picture: str | None,
-) -> None:
+    live: bool,
+) -> int:
     """Decode the traffic of a line or bus; send nothing.
 
     Requests without a response and other things that are missing are reported. A FILE (- is standard input) is a
@@ -109,7 +115,15 @@ def sniff_command(
     barewire sniff poll.log --device adxl --unit 1
     barewire sniff can://socketcan/can0 --device az3 --node 5 --write can.log
     barewire sniff bus.pcapng --format svg > exchange.svg
+    barewire sniff "rtu:///dev/ttyUSB0?baudrate=9600" --live
+
+    --live needs textual: pip install barewire[terminal]. Its keys are shown; ? explains them.
     """
+    stop = threading.Event()
+    if live:
+        if as_json or form is not None or picture is not None:
+            raise EncodeError("--live is a screen: expected no --json, --format or --picture beside it")
+        _prepare_screen(source, stop)
     form = output_form(form, as_json=as_json)
     is_drawn = picture is not None or form in ("html", "svg")
     if is_drawn and ("://" in source or write is not None):
@@ -118,7 +132,7 @@ def sniff_command(
     if write is not None:
         check_not_overwritten("--write", write, source, *devices)
     # A picture shows the whole recording: all of it may be read to know its kind.
-    traffic = Source(source, seconds, ports, protocol, whole=is_drawn)
+    traffic = Source(source, seconds, ports, protocol, whole=is_drawn, stop=stop)
     traffic.check_options(
         for_modbus={"--window": window, "--port": ports, "--protocol": protocol, "--unit": units},
         for_can={"--node": nodes, "--bus": bus, "--only": only, "--complete": complete, "--all": everything},
@@ -147,16 +161,25 @@ def sniff_command(
         except DecodeError as error:
             raise traffic.not_a_recording(error) from None
         print(rendered(form, drawing), end="")
-        return
-    output = Output(form)
+        return 0
+    output, status = Output(form), 0
     if traffic.is_can:
         for name, node in list(zip(devices, known))[len(nodes) :]:
             note(f"--device {name}: names are those of node {node.node}; --node gives another")
-        monitors = BusMonitors(known, bus, complete=complete)
-        _sniff_can(traffic, monitors, bus, write, output, only=only, everything=everything)
+
+        def is_shown(event: MonitorEvent) -> bool:
+            return (not only or event_kind(event) in only) and (everything or not is_repeated(event))
+
+        if live:
+            status = _live_can(traffic, known, bus, write, is_shown, complete=complete)
+        else:
+            _sniff_can(traffic, BusMonitors(known, bus, complete=complete), bus, write, output, is_shown)
+    elif live:
+        status = _live_modbus(traffic, seconds, window, write, names)
     else:
         _sniff_modbus(traffic, seconds, window, write, names, output)
     traffic.note_cut_lines()
+    return status
 
 
 # Modbus
@@ -202,16 +225,14 @@ def _sniff_can(
     bus: str | None,
     write: str | None,
     output: Output,
-    *,
-    only: tuple[str, ...],
-    everything: bool,
+    is_shown: Callable[[MonitorEvent], bool],
 ) -> None:
-    """Print the events that are not repetitions, or all of them; with `only`, those of some kinds."""
+    """Print the events that are to be shown."""
     buses: set[str] = set()
     with recording_file(write) as file:
         for bus_name, event in can_events(traffic.can_items(), monitors, bus, file):
             buses.add(bus_name)
-            if (only and event_kind(event) not in only) or (is_repeated(event) and not everything):
+            if not is_shown(event):
                 continue
             place = f"{bus_name}  " if len(buses - {""}) > 1 else ""
             output.show(f"{place}{event_line(event)}", partial(_event_fields, event, bus_name))
@@ -219,3 +240,47 @@ def _sniff_can(
 
 def _event_fields(event: MonitorEvent, bus: str) -> dict[str, object]:
     return event_as_dict(event) | ({"bus": bus} if bus else {})
+
+
+# On a screen
+
+
+def _prepare_screen(source: str, stop: threading.Event) -> None:
+    """Raise PortError without Textual, EncodeError without a terminal. If standard input is read, the keys are those of
+    the terminal, and the input ends with `stop`."""
+    with needs_extra("--live", "terminal", "textual"):
+        from barewire_workbench.cli.terminal.screen import check_terminal, keys_beside_pipe
+    if source == "-":
+        keys_beside_pipe("--live", stop)
+    else:
+        check_terminal("--live")
+
+
+def _live_modbus(
+    traffic: Source, seconds: float | None, window: float, write: str | None, names: UnitNames | None
+) -> int:
+    from barewire_workbench.cli.terminal.heard import Heard, hear_modbus
+    from barewire_workbench.cli.terminal.sniffing import watch_traffic
+
+    with recording_file(write) as file:
+        read = partial(hear_modbus, traffic=traffic, seconds=seconds, window=window, names=names, file=file)
+        return watch_traffic(Heard(live=traffic.endpoint is not None), traffic, read)
+
+
+def _live_can(
+    traffic: Source,
+    known: Iterable[KnownNode],
+    bus: str | None,
+    write: str | None,
+    is_shown: Callable[[MonitorEvent], bool],
+    *,
+    complete: bool,
+) -> int:
+    from barewire_workbench.cli.terminal.heard import Heard, KeepingMonitors, hear_can
+    from barewire_workbench.cli.terminal.sniffing import watch_traffic
+
+    monitors = KeepingMonitors(known, bus, complete=complete)
+    diagnosis = CanLogDiagnosis(known, bus, complete=complete)
+    with recording_file(write) as file:
+        read = partial(hear_can, traffic=traffic, monitors=monitors, diagnosis=diagnosis, is_shown=is_shown, file=file)
+        return watch_traffic(Heard(live=traffic.endpoint is not None), traffic, read)

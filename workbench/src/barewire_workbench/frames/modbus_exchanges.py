@@ -314,7 +314,8 @@ class Exchanges:
 
     def _alone(self, event: SnifferEvent) -> Exchange:
         """Return an event that is not one half of an exchange."""
-        wrong, before = False, ()
+        wrong = False
+        events: tuple[SnifferEvent, ...] = (event,)
         match event:
             case RequestSeen():
                 who, text = "all", f"{explain_pdu(event.pdu, 'request').summary} (broadcast)"
@@ -332,10 +333,10 @@ class Exchanges:
                 late = f"{1e3 * (event.at - request.at):.1f} ms after its request, and " if self._timed else ""
                 values = self._values(request, event)
                 text = f"{requested} -> {values}, late: {late}after the next one"
-                who, wrong, before = f"unit {event.unit}", True, (request,)
+                who, wrong, events = f"unit {event.unit}", True, (request, event)
             case ResponseMissing() | RecordingEnds():
                 return self._unanswered(event)
-        return Exchange(event.at, who, text, wrong, (*before, event), timed=self._timed)
+        return Exchange(event.at, who, text, wrong, events, timed=self._timed)
 
     def _time(self, at: float) -> str:
         return f"{at:.6f}  " if self._timed else ""

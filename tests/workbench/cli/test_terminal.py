@@ -1,0 +1,624 @@
+"""The screens of `sniff --live` and `panel --terminal`: what they list, explain and write, and how they end."""
+
+from __future__ import annotations
+
+import asyncio
+import fcntl
+import html
+import os
+import pty
+import re
+import select
+import signal
+import struct
+import subprocess
+import sys
+import termios
+import threading
+import time
+from collections.abc import Awaitable, Callable
+from pathlib import Path
+from typing import Any
+
+import click
+import pytest
+
+from barewire.canopen import CanFrame
+from barewire.devices import load
+from barewire.errors import EncodeError, PortError
+from barewire.rtu import encode as rtu_frame
+from barewire_workbench.cli.panels.line import PanelLine
+from barewire_workbench.cli.sources import Source
+from barewire_workbench.cli.terminal.heard import Filter, Heard, KeepingMonitors, Rates, Row, hear_can, hear_modbus
+from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
+from barewire_workbench.monitor import is_repeated
+from tests.helpers import unhex
+from tests.workbench.cli.helpers import ENVIRONMENT, error_of, output_of, run_here
+from tests.workbench.cli.test_panel import SETTING, Machine, VirtualClock
+
+pytest.importorskip("textual")
+from textual.pilot import Pilot
+
+from barewire_workbench.cli.terminal.machine import MachineScreen
+from barewire_workbench.cli.terminal.screen import Ask, RowList
+from barewire_workbench.cli.terminal.sniffing import SniffScreen, explained_lines, save_rows
+
+LINE = "\n".join(
+    f"{at} {rtu_frame(unit, unhex(pdu)).hex(' ')}"
+    for at, unit, pdu in [
+        (10.0, 1, "03 0000 0002"),
+        (10.0123, 1, "03 04 0017 0007"),
+        (10.1, 2, "06 0001 0003"),
+        (10.115, 2, "06 0001 0003"),
+        (10.2, 3, "03 0000 0001"),
+        (11.3, 1, "03 0FA0 0002"),
+        (11.31, 1, "83 02"),
+        (11.4, 1, "03 0000 0002"),
+    ]
+)
+LINE += "\n11.412 01 03 04 00 17 00 07 0B 00\n"  # the CRC is wrong
+BUS = """\
+(0.000) can0 705#7F
+(0.500) can0 605#4041600000000000
+(0.501) can0 585#4B41600037060000
+(0.600) can0 605#2B17100040420000
+(0.601) can0 585#8017100030000906
+(0.700) can0 605#C600210012000000
+(0.701) can0 585#A400210004000000
+(0.702) can0 605#0174656E206C6574
+(0.703) can0 605#027465727320616E
+(0.704) can0 605#836420736F000000
+(0.705) can0 585#A201040000000000
+(0.706) can0 605#017465727320616E
+(0.707) can0 605#826420736F000000
+(0.708) can0 585#A202040000000000
+(0.709) can0 605#CD25820000000000
+(0.710) can0 585#A100000000000000
+(0.800) can0 185#3706000000000000
+(1.120) can0 085#1042090000000000
+"""
+
+
+def heard_of(text: str, tmp_path: Path, limit: int = 1000) -> Heard:
+    """Read a recording to its end."""
+    file = tmp_path / "heard.log"
+    file.write_text(text)
+    heard = Heard(limit=limit)
+    with click.Context(click.Command("sniff")):
+        traffic = Source(str(file), None)
+        if traffic.is_can:
+            hear_can(
+                heard,
+                traffic,
+                KeepingMonitors(),
+                CanLogDiagnosis(),
+                is_shown=lambda event: not is_repeated(event),
+                file=None,
+            )
+        else:
+            hear_modbus(heard, traffic, seconds=None, window=1.0, names=None, file=None)
+    heard.ended = True
+    return heard
+
+
+def row(number: int, *, wrong: bool = False, unit: int = 1) -> Row:
+    request = f"unit {unit}  Read Holding Registers, 1 from {number:04X}h"
+    return Row(float(number), f"unit {unit}", "", request, wrong, ("3", "read holding registers"), request, (), list)
+
+
+def shown(app: Any) -> str:
+    """Return the text of the screen."""
+    lines: dict[float, list[tuple[float, str]]] = {}
+    for attributes, text in re.findall(r"<text ([^>]*)>(.*?)</text>", app.export_screenshot()):
+        x, y = (float(re.search(rf'\b{name}="([\d.]+)"', attributes)[1]) for name in "xy")  # type: ignore[index]
+        lines.setdefault(y, []).append((x, html.unescape(text).replace("\xa0", " ")))
+    return "\n".join("".join(text for _, text in sorted(line)) for _, line in sorted(lines.items()))
+
+
+def on_screen(app: Any, act: Callable[[Pilot[None]], Awaitable[None]], size: tuple[int, int] = (80, 24)) -> None:
+    """Run a screen without a terminal, and act on it."""
+
+    async def run() -> None:
+        async with app.run_test(size=size) as pilot:
+            await pilot.pause()
+            await act(pilot)
+
+    asyncio.run(run())
+
+
+def sniffing(heard: Heard) -> SniffScreen:
+    return SniffScreen(heard, "a line", lambda rows, name: save_rows(rows, name, is_can=False))
+
+
+# What is heard
+
+
+@pytest.mark.parametrize("text", [LINE, BUS])
+def test_the_rows_are_the_lines_of_sniff(text: str, tmp_path: Path) -> None:
+    lines = [row.line for row in heard_of(text, tmp_path).take()]
+    assert lines == output_of("sniff", str(tmp_path / "heard.log")).splitlines()
+
+
+def test_a_row_has_its_frames_as_explain_explains_them(tmp_path: Path) -> None:
+    rows = heard_of(LINE, tmp_path).take()
+    wrong = [text for text, _ in explained_lines(rows[-1])]
+    request, damaged = "01 03 00 00 00 02 C4 0B", "01 03 04 00 17 00 07 0B 00"
+    at = wrong.index(f"no frame  {damaged}")
+    assert wrong[1:at] == [f"request  {request}", *output_of("explain", "rtu", request).splitlines()]
+    assert wrong[at + 1 :] == output_of("explain", "rtu", damaged).splitlines()
+    assert [is_wrong for _, is_wrong in explained_lines(rows[0])] == [False] * len(explained_lines(rows[0]))
+    refused = [text for text, _ in explained_lines(rows[3])]
+    assert refused[-1].startswith("valid: a response from unit 1, exception 02")
+
+
+def test_a_transfer_has_all_its_frames_and_segments_are_known(tmp_path: Path) -> None:
+    rows = heard_of(BUS, tmp_path).take()
+    (upload,) = (row for row in rows if "upload 6041h:00" in row.line)
+    assert [item.frame for item in upload.origin] == [
+        CanFrame.parse("605#4041600000000000"),
+        CanFrame.parse("585#4B41600037060000"),
+    ]
+    (block,) = (row for row in rows if "download 2100h:00" in row.line)
+    words = dict(block.explained())
+    assert len(block.origin) == 11
+    assert "segment 2" in words["605#027465727320616E"].verdict
+    assert [(row.what, row.wrong) for row in rows] == [
+        ("heartbeat", False), ("SDO", False), ("SDO", True), ("LOSS", True), ("SDO", False),
+        ("VIOLATION", True), ("TPDO1", False), ("EMCY", True), ("SUMMARY", False),
+    ]  # fmt: skip
+
+
+def test_the_diagnosis_is_that_of_diagnose(tmp_path: Path) -> None:
+    for text in (LINE, BUS):
+        heard = heard_of(text, tmp_path)
+        file = str(tmp_path / "heard.log")
+        lines = run_here("diagnose", file).stdout.splitlines()
+        assert [finding.sentence for finding in heard.findings] + heard.verdicts == lines
+
+
+@pytest.mark.parametrize(
+    ("text", "numbers"),
+    [
+        ("", [0, 1, 2, 3, 4]),
+        ("unit=1", [0, 3, 4]),
+        ("UNIT=2 done", [1]),
+        ("function=6", [1]),
+        ("function=write", [1]),
+        ("errors", [2, 3, 4]),
+        ("error unit=1 exception", [3]),
+        ("nothing", []),
+    ],
+)
+def test_a_filter_chooses_rows(text: str, numbers: list[int], tmp_path: Path) -> None:
+    rows, chosen = heard_of(LINE, tmp_path).take(), Filter.parse(text)
+    assert [number for number, row in enumerate(rows) if chosen.fits(row)] == numbers
+
+
+def test_events_of_can_are_chosen_by_node_and_service(tmp_path: Path) -> None:
+    rows = heard_of(BUS, tmp_path).take()
+    assert len([row for row in rows if Filter.parse("node=5 function=sdo").fits(row)]) == 3
+    assert [row.what for row in rows if Filter.parse("function=emcy").fits(row)] == ["EMCY"]
+    with pytest.raises(EncodeError, match="node=x: expected a number, such as node=3"):
+        Filter.parse("node=x")
+
+
+def test_rates_are_those_of_the_last_ten_seconds() -> None:
+    rates = Rates()
+    for second in range(100):
+        rates.count(second + 0.5, rows=4, errors=1, busy=0.25)
+    assert [rates.per_second(name, 99.9) for name in ("rows", "errors", "busy")] == [4, 1, 0.25]
+    assert rates.per_second("rows", 104.5) == 2
+    assert rates.per_second("rows", 200) == 0
+
+
+# The screen of sniff --live
+
+
+def test_the_list_grows_follows_and_stays_where_the_user_looks() -> None:
+    heard = Heard()
+    app = sniffing(heard)
+
+    async def act(pilot: Pilot[None]) -> None:
+        assert "nothing was heard yet" in shown(app)
+        for number in range(40):
+            heard.put(row(number))
+        app.look()
+        await pilot.pause()
+        assert "1 from 0027h" in shown(app)
+        assert "40 exchanges" in shown(app)
+        await pilot.press("up", "up")
+        chosen = app.query_one(RowList).chosen
+        assert chosen.at == 37
+        assert "paused" in shown(app)
+        heard.put(row(40))
+        app.look()
+        assert app.query_one(RowList).chosen is chosen
+        await pilot.press("space")
+        assert app.query_one(RowList).chosen.at == 40
+        await pilot.press("home")
+        await pilot.pause()
+        assert app.query_one(RowList).chosen.at == 0
+        assert "1 from 0000h" in shown(app)
+
+    on_screen(app, act)
+
+
+def test_the_chosen_row_is_explained(tmp_path: Path) -> None:
+    app = sniffing(heard_of(LINE, tmp_path))
+
+    async def act(pilot: Pilot[None]) -> None:
+        assert "CRC wrong, should be 0B F5" in shown(app)
+        await pilot.press("home")
+        await pilot.pause()
+        assert "request  01 03 00 00 00 02 C4 0B" in shown(app)
+        assert re.search("function code +3 +03 Read Holding Registers", shown(app))
+        assert "CRC wrong" not in shown(app)
+        await pilot.press("d")
+        assert "no response to Read Holding Registers" in shown(app)
+
+    on_screen(app, act, (120, 40))
+
+
+def test_what_is_wrong_is_red(tmp_path: Path) -> None:
+    app = sniffing(heard_of(LINE, tmp_path))
+
+    async def act(pilot: Pilot[None]) -> None:
+        rows = app.query_one(RowList)
+        parts = [[part for part in rows.render_line(y) if part.text.strip()] for y in range(5)]
+        colors = [{part.style.color.name for part in line if part.style and part.style.color} for line in parts]
+        assert ["red" in names for names in colors] == [False, False, True, True, True]
+        assert all(names == {"red"} for names in colors[2:])
+
+    on_screen(app, act)
+
+
+def test_a_filter_is_typed_and_removed(tmp_path: Path) -> None:
+    app = sniffing(heard_of(LINE, tmp_path))
+
+    def listed() -> int:
+        return len(app.query_one(RowList).rows)
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press(*"/unit=")
+        assert listed() == 5  # not yet a filter
+        await pilot.press(*"2", "enter")
+        assert listed() == 1
+        assert "1 shown" in shown(app)
+        await pilot.press("escape")
+        assert listed() == 5
+        await pilot.press("e")
+        assert listed() == 3
+        await pilot.press("e")
+        assert listed() == 5
+
+    on_screen(app, act)
+
+
+def test_memory_is_bounded_and_what_was_dropped_is_counted() -> None:
+    heard = Heard(limit=50)
+    app = sniffing(heard)
+
+    async def act(pilot: Pilot[None]) -> None:
+        for number in range(20):
+            heard.put(row(number))
+        app.look()
+        await pilot.press("up")  # 18 is looked at
+        for number in range(20, 60):
+            heard.put(row(number))
+        app.look()
+        assert app.query_one(RowList).chosen.at == 18
+        for number in range(60, 260):
+            heard.put(row(number))
+        app.look()
+        assert len(app.query_one(RowList).rows) == len(app._rows) == 50
+        assert heard.dropped == 210
+        await pilot.pause()
+        assert "210 dropped" in shown(app)
+        assert app.query_one(RowList).chosen.at == 210
+        assert len(heard.rates._seconds) <= 11
+
+    on_screen(app, act)
+
+
+def test_rows_that_are_shown_are_written_as_a_recording(tmp_path: Path) -> None:
+    app = sniffing(heard_of(LINE, tmp_path))
+    file = tmp_path / "shown.pcapng"
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press(*"/unit=2", "enter", "w")
+        await pilot.press(*str(file), "enter")
+        await pilot.pause()
+        await pilot.press("w", *str(file), "enter")  # it is there already
+
+    on_screen(app, act)
+    (line,) = output_of("sniff", str(file)).splitlines()
+    assert line.startswith("10.100000  unit 2  Write Single Register, 3 to 0001h -> done")
+    with pytest.raises(EncodeError, match="the file is there already"):
+        save_rows([], str(file), is_can=False)
+    with pytest.raises(EncodeError, match="ends in"):
+        save_rows([], "x.txt", is_can=False)
+
+
+def test_frames_of_can_are_written_once(tmp_path: Path) -> None:
+    rows, file = heard_of(BUS, tmp_path).take(), tmp_path / "again.log"
+    save_rows(rows, str(file), is_can=True)
+    assert file.read_text().count("\n") == BUS.count("\n")
+    assert output_of("sniff", str(file)) == output_of("sniff", str(tmp_path / "heard.log"))
+
+
+def test_an_error_of_the_line_is_shown_and_the_screen_stays() -> None:
+    def read(heard: Heard) -> None:
+        raise PortError("/dev/x: it is gone")
+
+    heard = Heard()
+    heard.run(read)
+    app = sniffing(heard)
+
+    async def act(pilot: Pilot[None]) -> None:
+        assert "/dev/x: it is gone" in shown(app)
+        await pilot.press("question_mark")
+        assert "only what is wrong" in shown(app)
+        await pilot.press("escape")
+        assert isinstance(heard.error, PortError)
+
+    on_screen(app, act)
+
+
+def test_a_recording_without_times_has_no_column_for_them(tmp_path: Path) -> None:
+    heard = heard_of("Tx: 01 03 00 00 00 02 C4 0B\nRx: 01 83 02 C0 F1\n", tmp_path)
+    app = sniffing(heard)
+
+    async def act(pilot: Pilot[None]) -> None:
+        line = app.query_one(RowList).render_line(0).text
+        assert line.startswith("unit 1 ")
+
+    on_screen(app, act)
+
+
+# The screen of panel --terminal
+
+
+def panel_of(machine: Machine, *, writable: bool = True) -> tuple[MachineScreen, PanelLine, VirtualClock]:
+    clock = VirtualClock()
+    line = PanelLine(load("csd-mt"), "rtu:///dev/x", check=False, connect=machine, clock=clock)
+    return MachineScreen(line, writable=writable), line, clock
+
+
+def test_values_of_the_group_that_is_shown_are_polled_and_shown() -> None:
+    machine = Machine()
+    machine.values = {SETTING: 55, "Status Word": 0x0237}
+    app, line, _ = panel_of(machine)
+
+    async def act(pilot: Pilot[None]) -> None:
+        line.turn()
+        app.look()
+        await pilot.pause()
+        assert re.search(r"Current Ratio +55 % +0 … 120 % +rw", shown(app))
+        assert "connected" in shown(app)
+        assert "operation enabled" in shown(app)
+        machine.asked.clear()
+        await pilot.press("right")
+        line.turn()
+        names = {name for asked in machine.asked for name in asked}
+        assert "Status Word" in names  # the state of the drive is always shown
+        assert SETTING not in names
+        assert "Motor Current Limit" in names
+        await pilot.press("left", *"/step rev", "enter")
+        assert [row["name"] for row in app.query_one("#values", RowList).rows] == ["Step Revolution"]
+
+    on_screen(app, act)
+    machine.asked.clear()
+    line.turn()
+    assert machine.asked == []
+
+
+def test_a_write_shows_its_frame_and_is_sent_after_yes() -> None:
+    app, line, _ = panel_of(machine := Machine())
+
+    async def act(pilot: Pilot[None]) -> None:
+        line.turn()
+        await pilot.press("enter", *"500", "enter")
+        await pilot.pause()
+        assert "Current Ratio" in shown(app)
+        assert isinstance(app.screen, Ask)
+        await pilot.press(*"55", "enter")
+        await pilot.pause()
+        assert "01 06 04 38 00 37" in shown(app)
+        await pilot.press("escape")
+        await pilot.pause()
+        line.turn()
+        assert machine.values == {}
+        await pilot.press("enter", *"55", "enter", "y")
+        await pilot.pause()
+        line.turn()
+        await pilot.pause()
+        assert machine.values == {SETTING: 55}
+        assert "Current Ratio = 55 %, written; the device has 55 %" in shown(app)
+
+    on_screen(app, act, (160, 50))
+
+
+def test_without_write_nothing_is_written() -> None:
+    app, line, _ = panel_of(machine := Machine(), writable=False)
+
+    async def act(pilot: Pilot[None]) -> None:
+        line.turn()
+        await pilot.press("enter")
+        assert "start it with --write to write" in shown(app)
+        await pilot.press("c")
+        line.turn()
+        assert not machine.values
+
+    on_screen(app, act, (160, 50))
+
+
+def test_commands_of_a_drive_are_those_of_its_state() -> None:
+    machine = Machine()
+    machine.values = {"Status Word": 0x0231}
+    app, line, _ = panel_of(machine)
+
+    async def act(pilot: Pilot[None]) -> None:
+        line.turn()
+        app.look()
+        await pilot.press("c")
+        assert "1  switch on: 3 -> switched on" in shown(app)
+        await pilot.press("1")
+        await pilot.pause()
+        assert "Control Word = 7" in shown(app)
+        await pilot.press("y")
+        await pilot.pause()
+        line.turn()
+        assert machine.values["Control Word"] == 7
+
+    on_screen(app, act, (120, 40))
+
+
+def test_a_silent_machine_is_shown_in_red_until_it_answers() -> None:
+    app, line, clock = panel_of(machine := Machine())
+
+    async def act(pilot: Pilot[None]) -> None:
+        machine.is_silent = True
+        line.turn()
+        clock.time += 90
+        app.look()
+        await pilot.pause()
+        assert "no answer for 90 s: unit 1: no answer within 1 s" in shown(app)
+        machine.is_silent = False
+        line.turn()
+        app.look()
+        await pilot.pause()
+        assert "connected" in shown(app)
+
+    on_screen(app, act, (120, 40))
+
+
+def test_frames_are_listed_and_the_chosen_one_is_explained() -> None:
+    app, line, _ = panel_of(Machine())
+
+    async def act(pilot: Pilot[None]) -> None:
+        line._frames.watch("sent", rtu_frame(1, unhex("03 0000 0002")))
+        line._frames.watch("received", rtu_frame(1, unhex("03 04 0017 0007")))
+        app.look()
+        await pilot.press("tab", "up")
+        await pilot.pause()
+        assert "function code" in shown(app)
+        line._frames.watch("sent", rtu_frame(1, unhex("03 0000 0002")))
+        app.look()
+        assert app.query_one("#frames", RowList).chosen.direction == "sent"
+        assert len(app.query_one("#frames", RowList).rows) == 2  # it is held while it is looked at
+        await pilot.press("space")
+        app.look()
+        assert len(app.query_one("#frames", RowList).rows) == 3
+
+    on_screen(app, act, (160, 50))
+
+
+# The command
+
+
+def test_a_screen_needs_a_terminal_and_textual(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
+    log = tmp_path / "bus.log"
+    log.write_text(LINE)
+    commands = (("sniff", str(log), "--live"), ("panel", "tcp://127.0.0.1:1", "adxl", "--terminal"))
+    for command in commands:
+        assert f"{command[-1]} needs a terminal, and standard " in error_of(*command, status=2)
+    for name in [name for name in sys.modules if name.startswith("barewire_workbench.cli.terminal.")]:
+        monkeypatch.delitem(sys.modules, name)
+    for name in [name for name in sys.modules if name.partition(".")[0] == "textual"]:
+        monkeypatch.setitem(sys.modules, name, None)
+    for command in commands:
+        needs = f"{command[-1]} needs the extra 'terminal': pip install 'barewire[terminal]'"
+        assert error_of(*command) == f"barewire: {needs}\n"
+
+
+class Terminal:
+    """A command in a pseudo-terminal of 80 columns and 24 lines."""
+
+    def __init__(self, *arguments: str, code: str = "", piped: bool = False) -> None:
+        self.controller, self.screen = pty.openpty()
+        fcntl.ioctl(self.screen, termios.TIOCSWINSZ, struct.pack("HHHH", 24, 80, 0, 0))
+        self.before = termios.tcgetattr(self.screen)
+        program = f"{code}\nfrom barewire_workbench.cli import main; main()"
+        environment = ENVIRONMENT | {"TERM": "xterm-256color", "PYTHONPATH": os.pathsep.join(sys.path)}
+        self.process = subprocess.Popen(
+            [sys.executable, "-c", program, *arguments],
+            stdin=subprocess.PIPE if piped else self.screen,
+            stdout=self.screen,
+            stderr=self.screen,
+            env=environment,
+            start_new_session=True,
+            preexec_fn=lambda: fcntl.ioctl(1, termios.TIOCSCTTY, 0),
+        )
+        self.output = ""
+
+    def until(self, text: str) -> None:
+        """Read the output until it has a text."""
+        give_up = time.monotonic() + 60
+        while text not in self.output:
+            assert time.monotonic() < give_up, self.output[-2000:]
+            self._read()
+
+    def _read(self) -> None:
+        if select.select([self.controller], [], [], 0.1)[0]:
+            self.output += os.read(self.controller, 65536).decode(errors="replace")
+
+    def press(self, keys: bytes) -> None:
+        os.write(self.controller, keys)
+
+    def end(self) -> int:
+        """Wait for the end; the terminal must be as it was before. Return the exit status."""
+        give_up = time.monotonic() + 60
+        while self.process.poll() is None:
+            assert time.monotonic() < give_up, self.output[-2000:]
+            self._read()
+        self._read()
+        assert "\x1b[?1049h" in self.output  # it had the other screen
+        assert "\x1b[?1049l" in self.output.rpartition("\x1b[?1049h")[2]
+        assert "\x1b[?25h" in self.output.rpartition("\x1b[?25l")[2]  # the cursor is seen
+        assert "\x1b[?1000l" in self.output.rpartition("\x1b[?1000h")[2]  # the mouse is the terminal's
+        assert termios.tcgetattr(self.screen) == self.before
+        for descriptor in (self.controller, self.screen):
+            os.close(descriptor)
+        if self.process.stdin is not None:
+            self.process.stdin.close()
+        return self.process.returncode
+
+
+@pytest.mark.parametrize("way", ["q", "ctrl-c", "SIGINT", "SIGTERM", "SIGHUP", "exception"])
+def test_the_terminal_is_as_before_however_the_screen_ends(way: str, tmp_path: Path) -> None:
+    log = tmp_path / "bus.log"
+    log.write_text(LINE)
+    code = ""
+    if way == "exception":
+        code = "import barewire_workbench.cli.terminal.sniffing as s\ns.explained_lines = lambda row: 1 / 0"
+    terminal = Terminal("sniff", str(log), "--live", code=code)
+    if way == "exception":
+        assert terminal.end() == 1
+        assert "ZeroDivisionError" in terminal.output
+        return
+    terminal.until("no valid answe")
+    if way.startswith("SIG"):
+        terminal.process.send_signal(getattr(signal, way))
+    else:
+        terminal.press({"q": b"q", "ctrl-c": b"\x03"}[way])
+    assert terminal.end() == 0
+
+
+def test_keys_come_from_the_terminal_where_standard_input_is_a_log() -> None:
+    terminal = Terminal("sniff", "-", "--live", piped=True)
+    assert terminal.process.stdin is not None
+    for line in LINE.splitlines(keepends=True):
+        terminal.process.stdin.write(line.encode())
+        terminal.process.stdin.flush()
+    terminal.until("exception 02")
+    terminal.press(b"e")
+    terminal.until("shown")
+    terminal.press(b"q")  # while the log is still open
+    assert terminal.end() == 0
+
+
+def test_no_thread_is_left_after_a_recording_was_read(tmp_path: Path) -> None:
+    before = threading.active_count()
+    heard = heard_of(LINE, tmp_path)
+    on_screen(sniffing(heard), lambda pilot: pilot.pause())
+    assert threading.active_count() == before

@@ -1,0 +1,312 @@
+"""The screen of `panel --terminal`: values by group, the frames of the line, writes with a confirmation.
+
+It shows what `PanelLine` polls, as the page for browsers does, and nothing else is polled than what it shows.
+"""
+
+from __future__ import annotations
+
+import asyncio
+from contextlib import ExitStack
+from typing import Any, ClassVar
+
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.containers import Container, Vertical
+from textual.widgets import Footer, Static
+
+from barewire.devices.cia402 import state_of
+from barewire.errors import BarewireError
+from barewire_workbench.cli.panels.description import description, planned_frames, value_to_write
+from barewire_workbench.cli.panels.line import KeptFrame, PanelLine, running
+from barewire_workbench.cli.terminal.screen import (
+    FAINT,
+    LAST_BINDINGS,
+    WRONG,
+    Ask,
+    FilterLine,
+    Lines,
+    RowList,
+    TerminalApp,
+    columns,
+    run_screen,
+)
+
+_TICK = 0.2
+"""Seconds from one look at what was polled to the next."""
+_ONLY_READS = "this panel only shows: start it with --write to write"
+
+
+class MachineScreen(TerminalApp):
+    """The screen of one machine. Without `writable` nothing is written."""
+
+    HORIZONTAL_BREAKPOINTS = [(0, "-narrow"), (120, "-wide")]  # noqa: RUF012  # no ClassVar in its base
+    CSS = """
+    #state { background: $panel; }
+    #groups { color: $text-muted; }
+    .-wide #both { layout: horizontal; }
+    .-wide #right { width: 45%; height: 1fr; border-left: solid $primary; }
+    .-narrow #right { height: 45%; }
+    #frames { border-top: solid $primary; height: 1fr; }
+    #below { border-top: solid $primary; height: 1fr; }
+    .-wide #below { height: 2fr; }
+    #frames:focus, #below:focus { border-top: heavy $primary; }
+    """
+    BINDINGS: ClassVar[list[Any]] = [
+        Binding("left", "group(-1)", show=False),
+        Binding("g,right", "group(1)", "Group"),  # a list has the key of its own: it shows no other use of it
+        Binding("enter", "write", "Write"),
+        Binding("c", "command", "Command"),
+        Binding("space", "hold", "Hold frames"),
+        *LAST_BINDINGS,
+    ]
+    HELP = """
+g, left, right another group of values; only what is shown is polled
+arrows, PgUp, PgDn, Home, End: choose a value, or a frame
+Tab           values, frames, explanation
+Enter         write the value; its frame is shown before it is sent
+c             commands of a drive, from the state in which it is
+/             only values with this text in their name; Esc: all
+space         stop the list of frames, or go on
+?, q          these keys; quit
+"""
+    TITLE = "barewire panel --terminal"
+
+    def __init__(self, line: PanelLine, *, writable: bool) -> None:
+        super().__init__()
+        self.line, self.writable = line, writable
+        self._device = description(line.device, line.endpoint)
+        self._names: list[str] = [*self._device["groups"]]
+        self._group = 0
+        self._text = ""
+        self._values: dict[str, tuple[Any, str, str]] = {}  # value, text, why there is none
+        self._revision = 0
+        self._holding = False
+        self._message: tuple[str, bool] = ("", False)
+        self._looking = ExitStack()
+        self._polled: list[str] = []
+        self._below: object = None
+
+    def compose(self) -> ComposeResult:
+        """Make the parts of the screen."""
+        self._state, self._groups = Static(id="state", classes="line"), Static(id="groups", classes="line")
+        self._list, self._frames = RowList(self._draw_value, id="values"), RowList(self._draw_frame, id="frames")
+        self._frames.border_title = "frames"
+        self._lower = Lines(id="below")
+        yield from (self._state, self._groups)
+        with Container(id="both"):
+            yield self._list
+            with Vertical(id="right"):
+                yield from (self._frames, self._lower)
+        yield FilterLine("a part of the name")
+        yield Footer()
+
+    def on_mount(self) -> None:
+        """Begin to look at the first group."""
+        self._list.focus()
+        self._show_group()
+        self.set_interval(_TICK, self.look)
+
+    def on_unmount(self) -> None:
+        """Have nothing polled any more."""
+        self._looking.close()
+
+    # Values and frames
+
+    def _show_group(self) -> None:
+        """Show a group, and have it polled, with the status word of a drive."""
+        rows = [row for row in self._device["groups"][self._names[self._group]] if self._text in row["name"].lower()]
+        drive = self._device["drive"]
+        self._polled = [row["name"] for row in rows if row["access"] != "wo"] + ([drive["status"]] if drive else [])
+        self._looking.close()
+        self._looking.enter_context(self.line.look_at(self._polled))
+        self._revision = 0
+        self._list.show(rows, 0)
+        self.look()
+
+    def look(self) -> None:
+        """Take what was polled since the last look, and show it."""
+        changes = self.line.changes_since(self._revision, self._polled)
+        self._revision = changes["revision"]
+        self._values |= changes["values"]
+        if not self._holding:
+            self._frames.show(list(self.line.frames), len(self.line.frames) - 1)
+        self._list.refresh()
+        self._show_state(changes)
+        self._show_below()
+
+    def _show_state(self, changes: dict[str, Any]) -> None:
+        state = Text()
+        if changes["alive"]:
+            state.append("connected", "green")
+        else:
+            state.append(f"no answer for {changes['for']:.0f} s: {changes['problem']}", WRONG)
+        if (drive := self.drive_state) is not None:
+            state.append("  ").append(drive, "bold")
+        text, wrong = self._message
+        state.append(f"  {text}", WRONG if wrong else "bold").append(f"  {self.line.polls} polls  ")
+        state.append(f"{self._device['device']} at {self.line.endpoint}", FAINT)
+        self._state.update(state)
+        names = Text()
+        for place in range(self._group, self._group + len(self._names)):
+            name = self._names[place % len(self._names)]
+            names.append(f" {name} ", "reverse" if place == self._group else "").append(" ")
+        self._groups.update(names)
+
+    @property
+    def drive_state(self) -> str | None:
+        """The state in the status word of a drive; None for another machine, and before it was read."""
+        drive = self._device["drive"]
+        value = self._values.get(drive["status"], (None,))[0] if drive else None
+        if not isinstance(value, int):
+            return None
+        try:
+            return state_of(value).value
+        except BarewireError:
+            return f"{value:04X}h is no state of CiA 402"
+
+    def _draw_value(self, row: dict[str, Any], width: int) -> Text:
+        _, text, problem = self._values.get(row["name"], (None, "…", ""))
+        if row["access"] == "wo":
+            text = "write only"
+        limits = f"{row['range']} {row['unit']}".strip() if row["range"] else ""
+        side = max(10, (width - 4) // 4)
+        name = row["name"], width - 2 * side - 5
+        shown = columns(width, name, (problem or text, side), (limits, side), (row["access"], 0))
+        if problem:
+            shown.stylize(WRONG)
+        return shown
+
+    def _draw_frame(self, frame: KeptFrame, width: int) -> Text:
+        arrow = "→" if frame.direction == "sent" else "←"
+        verdict = frame.explanation.verdict.removeprefix("valid: ")
+        style = None if frame.explanation.valid else WRONG
+        return columns(width, (arrow, 1), (f"{frame.digits}  {verdict}", 0), style=style)
+
+    def _show_below(self) -> None:
+        """Show what is known of the chosen value; of the chosen frame, if the list of frames has the focus."""
+        if self._lower.has_focus:
+            return
+        chosen = self._frames.chosen if self._frames.has_focus else self._list.chosen
+        key: object = None
+        if isinstance(chosen, KeptFrame):
+            key = chosen.number
+        elif chosen is not None:
+            key = chosen["name"], self._values.get(chosen["name"])
+        if key == self._below:
+            return
+        self._below = key
+        if isinstance(chosen, KeptFrame):
+            self._lower.border_title = f"{chosen.direction}: {chosen.digits}"
+            self._lower.show((text, not chosen.explanation.valid) for text in chosen.explanation.lines())
+        elif chosen is not None:
+            self._lower.border_title = chosen["name"]
+            self._lower.show(self._about(chosen))
+
+    def _about(self, row: dict[str, Any]) -> list[tuple[str, bool]]:
+        """Return what is known of a parameter."""
+        _, text, problem = self._values.get(row["name"], (None, "…", ""))
+        access = {"ro": "read only", "wo": "write only"}.get(row["access"], "read and write")
+        facts = [row["place"], row["type"], access]
+        lines = [(problem or text, bool(problem)), (", ".join(facts), False)]
+        if row["range"]:
+            lines.append((f"range {row['range']} {row['unit']}".strip(), False))
+        lines += [(f"{number} = {name}", False) for number, name in row["values"].items()]
+        return lines + ([(row["note"], False)] if row["note"] else [])
+
+    # Keys
+
+    def on_row_list_moved(self, event: RowList.Moved) -> None:
+        """Explain what was chosen; a frame stays in the list while it is looked at."""
+        self._holding = self._holding or event.source.id == "frames"
+        self._show_below()
+
+    def on_descendant_focus(self) -> None:
+        """Explain what is chosen in the list that has the focus now."""
+        self._show_below()
+
+    def action_group(self, step: int) -> None:
+        """Show another group."""
+        self._group = (self._group + step) % len(self._names)
+        self._show_group()
+
+    def action_hold(self) -> None:
+        """Stop the list of frames, or go on."""
+        self._holding = not self._holding
+
+    def filter_by(self, text: str) -> None:
+        """Show the values with a text in their name."""
+        self._text = text.lower()
+        self._show_group()
+
+    # Writes
+
+    def say(self, text: str, *, wrong: bool = False) -> None:
+        """Show a result in the first line, until the next one."""
+        self._message = text, wrong
+        self.look()
+
+    def action_write(self) -> None:
+        """Write the chosen value."""
+        row = self._list.chosen
+        if row is None:
+            return
+        if row["access"] == "ro":
+            self.say(f"{row['name']} is read only", wrong=True)
+        else:
+            self._begin_write(row["name"])
+
+    def action_command(self) -> None:
+        """Offer the commands that leave the state of a drive."""
+        drive = self._device["drive"]
+        steps = [step for step in drive["transitions"] if step[1] == self.drive_state] if drive else []
+        if not steps:
+            self.say("the state of the drive is not known" if drive else "this machine is no drive", wrong=True)
+            return
+        lines = [(f"{place}  {step[3]}: {step[0]} -> {step[2]}", False) for place, step in enumerate(steps, 1)]
+
+        def give(key: str | None) -> None:
+            if key is not None:
+                self._begin_write(drive["control"], f"0x{steps[int(key) - 1][4]:04X}")
+
+        keys = "".join(str(place) for place in range(1, len(steps) + 1))
+        self.push_screen(Ask(f"Commands: {self.drive_state}", lines, keys=keys), give)
+
+    def _begin_write(self, name: str, text: str | None = None) -> None:
+        if self.writable:
+            self.run_worker(self.write(name, text))
+        else:
+            self.say(_ONLY_READS, wrong=True)
+
+    async def write(self, name: str, text: str | None = None) -> None:
+        """Ask for the value, unless it is given, show the frames, and write once the user has said yes."""
+        device, problem = self.line.device, list[tuple[str, bool]]()
+        (about,) = (row for rows in self._device["groups"].values() for row in rows if row["name"] == name)
+        while True:
+            typed = text
+            if typed is None:
+                typed = await self.push_screen_wait(Ask(f"Write {name}", problem + self._about(about), text=""))
+            if typed is None:
+                return
+            try:
+                parameter, value = value_to_write(device, name, typed)
+                frames = planned_frames(self.line.endpoint, device, parameter, value)
+                break
+            except BarewireError as error:
+                problem, text = [(str(error), True)], None
+        lines = [(f"{name} = {parameter.text(value)}, would be sent:", False)]
+        lines += [(row, False) for digits, verdict in frames for row in (digits, f"  {verdict}")]
+        if await self.push_screen_wait(Ask(f"Write {name}?", [*lines, ("y: send", False)], keys="y")) is None:
+            return
+        try:
+            result = await asyncio.wrap_future(self.line.write(name, value))
+        except BarewireError as error:
+            self.say(str(error), wrong=True)
+        else:
+            self.say(f"{name} = {parameter.text(value)}, {result}")
+
+
+def show_machine(line: PanelLine, *, writable: bool) -> int:
+    """Show a machine until the user ends it; return the exit status."""
+    with running(line):
+        return run_screen(MachineScreen(line, writable=writable))

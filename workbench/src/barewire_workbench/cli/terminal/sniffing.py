@@ -1,0 +1,270 @@
+"""The screen of `sniff --live`: a list of exchanges or events, and the chosen one explained below it.
+
+rtu:///dev/ttyUSB0   142 exchanges   7.1/s   3 wrong, 2.1 %   line busy 34 %   following
+15:23:01.123  unit 1     12.3 ms  Read Holding Registers, 2 from 0000h -> 23 7
+---------------------------------------------------------------------------------------------
+request: 01 03 00 00 00 02 C4 0B ...
+"""
+
+from __future__ import annotations
+
+import threading
+from collections import deque
+from collections.abc import Callable, Sequence
+from datetime import datetime
+from functools import partial
+from pathlib import Path
+from typing import Any, ClassVar
+
+from rich.text import Text
+from textual.app import ComposeResult
+from textual.binding import Binding
+from textual.widgets import Footer, Static
+
+from barewire.errors import BarewireError, EncodeError
+from barewire_workbench.cli.sources import RecordingFile, Source, check_ending
+from barewire_workbench.cli.terminal.heard import Filter, Heard, Row
+from barewire_workbench.cli.terminal.screen import (
+    FAINT,
+    LAST_BINDINGS,
+    WRONG,
+    Ask,
+    FilterLine,
+    Lines,
+    RowList,
+    TerminalApp,
+    columns,
+    run_screen,
+)
+from barewire_workbench.monitor.recording import CanRecordingWriter
+from barewire_workbench.recordings.modbus_writer import ModbusRecordingWriter
+
+_TICK = 0.1
+"""Seconds from one look at what was heard to the next."""
+_EXAMPLE = "unit=3 function=read errors, any text; Enter: to the list, Esc: all rows"
+
+
+class SniffScreen(TerminalApp):
+    """The screen. `save(rows, name)` writes rows as a recording."""
+
+    CSS = """
+    #state { background: $panel; }
+    #heading { color: $text-muted; }
+    #lower { height: 45%; border-top: solid $primary; }
+    #lower:focus { border-top: heavy $primary; }
+    """
+    BINDINGS: ClassVar[list[Any]] = [
+        Binding("e", "errors", "Errors"),
+        Binding("space", "follow", "Pause/follow"),
+        Binding("d", "diagnosis", "Diagnosis"),
+        Binding("w", "save", "Write"),
+        *LAST_BINDINGS,
+    ]
+    HELP = """
+arrows, PgUp, PgDn, Home, End: choose a row; the list stops there
+space      stop the list, or follow the newest row again
+Tab        to the explanation, to scroll it, and back
+/          filter: unit=3, node=5, function=3, function=read, errors, any text;
+           of several words all must fit. Enter: to the list, Esc: all rows
+e          only what is wrong
+d          the diagnosis of the whole line, or the explanation again
+w          write the rows that are shown as a recording
+?, q       these keys; quit
+"""
+    TITLE = "barewire sniff --live"
+
+    def __init__(self, heard: Heard, source: str, save: Callable[[Sequence[Row], str], None]) -> None:
+        super().__init__()
+        self.heard, self.source = heard, source
+        self.following = True
+        self.chosen_rows = Filter()
+        self._save = save
+        self._rows: deque[Row] = deque()
+        self._shown: deque[Row] = deque()
+        self._below: Row | None = None
+        self._lines_below: list[tuple[str, bool]] | None = None
+        self._diagnosing = False
+        self._widths = {"time": 12 if heard.live else 4, "who": 4, "what": 5}
+
+    def compose(self) -> ComposeResult:
+        """Make the parts of the screen."""
+        self._state, self._heading = Static(id="state", classes="line"), Static(id="heading", classes="line")
+        self._list, self._lower = RowList(self._draw), Lines(id="lower")
+        yield from (self._state, self._heading, self._list, self._lower, FilterLine(_EXAMPLE), Footer())
+
+    def on_mount(self) -> None:
+        """Begin to look at what is heard."""
+        self._list.focus()
+        self.set_interval(_TICK, self.look)
+        self.look()
+
+    # The list
+
+    def look(self) -> None:
+        """Take what was heard since the last look, and show it."""
+        before = len(self._shown)
+        gone = 0
+        for row in self.heard.take():
+            for name, text in self._cells(row).items():
+                self._widths[name] = max(self._widths[name], len(text))
+            if len(self._rows) >= self.heard.limit:
+                oldest = self._rows.popleft()
+                self.heard.dropped += 1
+                if self._shown and self._shown[0] is oldest:
+                    self._shown.popleft()
+                    gone += 1
+            self._rows.append(row)
+            if self.chosen_rows.fits(row):
+                self._shown.append(row)
+        if gone or len(self._shown) != before:
+            place = len(self._shown) - 1 if self.following else self._list.place - gone
+            self._list.show(self._shown, place)
+        self._show_state()
+        self._show_below()
+
+    def _draw(self, row: Row, width: int) -> Text:
+        cells = [(text, self._widths[name]) for name, text in self._cells(row).items()]
+        return columns(width, *cells, (row.text, 0), style=WRONG if row.wrong else None)
+
+    def _cells(self, row: Row) -> dict[str, str]:
+        """Return the narrow columns of a row; without a time if the recording has none."""
+        at = datetime.fromtimestamp(row.at).strftime("%H:%M:%S.%f")[:-3] if self.heard.live else f"{row.at:.6f}"
+        return ({"time": at} if self.heard.timed else {}) | {"who": row.who, "what": row.what}
+
+    def _show_state(self) -> None:
+        heard = self.heard
+        state = Text()
+        share = f", {100 * heard.errors / heard.total:.1f} %" if heard.errors else ""
+        parts: list[tuple[str, Any]] = [
+            (f"{heard.total} {heard.noun}", ""),
+            (f"{heard.per_second('rows'):.1f}/s", ""),
+            (f"{heard.errors} wrong{share}", WRONG if heard.errors else ""),
+        ]
+        if heard.knows_load:
+            parts.append((f"busy {100 * heard.per_second('busy'):.0f} %", ""))
+        if heard.dropped:
+            parts.append((f"{heard.dropped} dropped", WRONG))
+        if self.chosen_rows != Filter():
+            parts.append((f"{len(self._shown)} shown", "reverse"))
+        if heard.error is not None:
+            parts.append((str(heard.error), WRONG))
+        elif heard.ended:
+            parts.append(("ended", "bold"))
+        else:
+            parts.append(("following" if self.following else "paused", "bold"))
+        for text, style in parts:
+            state.append(text, style).append("  ")
+        state.append(self.source, FAINT)
+        self._state.update(state)
+        names = ({"time": "time"} if heard.timed else {}) | heard.heading
+        heading = [(text, self._widths[name]) for name, text in names.items()]
+        self._heading.update(columns(self.size.width, *heading, (heard.noun, 0)))
+
+    # Below the list
+
+    def _show_below(self) -> None:
+        row = self._list.chosen
+        if self._diagnosing:
+            self._lower.border_title = f"diagnosis: {self.heard.found} findings"
+            findings = [(finding.sentence, True) for finding in reversed(self.heard.findings)]
+            lines = [*((verdict, "[nothing-wrong]" not in verdict) for verdict in self.heard.verdicts), *findings]
+            if lines != self._lines_below:
+                self._lines_below = lines
+                self._lower.show(lines)
+        elif row is not self._below or row is None:
+            self._below = row
+            self._lower.border_title = "explanation"
+            self._lower.show(explained_lines(row) if row is not None else [("nothing was heard yet", False)])
+
+    def on_row_list_moved(self, event: RowList.Moved) -> None:
+        """Stay at the row that was chosen."""
+        self.following = False
+        self._show_state()
+        self._show_below()
+
+    # Keys
+
+    def action_follow(self) -> None:
+        """Follow the newest row, or stop that."""
+        self.following = not self.following
+        if self.following:
+            self._list.show(self._shown, len(self._shown) - 1)
+        self.look()
+
+    def action_diagnosis(self) -> None:
+        """Show the diagnosis of the line, or the explanation again."""
+        self._diagnosing = not self._diagnosing
+        self._below, self._lines_below = None, None
+        self._show_below()
+
+    def action_errors(self) -> None:
+        """Show only what is wrong, or all."""
+        self._choose(self.chosen_rows._replace(errors=not self.chosen_rows.errors))
+
+    def filter_by(self, text: str) -> None:
+        """Show the rows that a text asks for."""
+        try:
+            self._choose(Filter.parse(text))
+        except EncodeError as error:
+            self.notify(str(error), severity="error", timeout=2)
+
+    def _choose(self, chosen: Filter) -> None:
+        self.chosen_rows = chosen
+        before = self._list.chosen
+        self._shown = deque(row for row in self._rows if chosen.fits(row))
+        place = next((place for place, row in enumerate(self._shown) if row is before), len(self._shown) - 1)
+        self._list.show(self._shown, place)
+        self.look()
+
+    def action_save(self) -> None:
+        """Write what is shown as a recording."""
+        rows = [row for row in self._shown if row.origin]
+        title = f"Write {len(rows)} rows as a recording"
+        self.push_screen(Ask(title, [("File name:", False)], text=""), lambda name: self._saved(rows, name))
+
+    def _saved(self, rows: Sequence[Row], name: str | None) -> None:
+        if not name:
+            return
+        try:
+            self._save(rows, name)
+        except BarewireError as error:
+            self.notify(str(error), severity="error")
+        else:
+            self.notify(f"{name} written")
+
+
+def explained_lines(row: Row) -> list[tuple[str, bool]]:
+    """Return the row as `barewire sniff` prints it, then each of its frames as `barewire explain` does."""
+    lines = [(row.line, row.wrong)]
+    for word, explanation in row.explained():
+        lines.append((word, False))
+        verdict_at = len(explanation.fields)
+        lines += [(line, at >= verdict_at and not explanation.valid) for at, line in enumerate(explanation.lines())]
+    return lines
+
+
+def watch_traffic(heard: Heard, traffic: Source, read: Callable[[Heard], None]) -> int:
+    """Show what a thread reads until the user ends it, then raise its error."""
+    thread = threading.Thread(target=heard.run, args=(read,), name=traffic.name, daemon=True)
+    thread.start()
+    try:
+        status = run_screen(SniffScreen(heard, traffic.name, partial(save_rows, is_can=traffic.is_can)))
+    finally:
+        traffic.stop.set()
+        thread.join(5)
+    if heard.error is not None:
+        raise heard.error
+    return status
+
+
+def save_rows(rows: Sequence[Row], name: str, *, is_can: bool) -> None:
+    """Write the frames of rows as a recording. Raises BarewireError."""
+    check_ending(name, is_can)
+    if Path(name).exists():
+        raise EncodeError(f"{name}: the file is there already")
+    items = {id(item): item for row in rows for item in row.origin}  # a late answer has its request in two rows
+    with RecordingFile(name) as file:
+        can, modbus = CanRecordingWriter(name), ModbusRecordingWriter()
+        file.write(can.start if is_can else modbus.start, frame=False)
+        for item in sorted(items.values(), key=lambda item: item.at):
+            file.write(can.put(item.at, item.bus, item.frame) if is_can else modbus.put(item))
