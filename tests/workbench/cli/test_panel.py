@@ -6,6 +6,7 @@ The line is run in virtual time where a test does not need the port of the page.
 from __future__ import annotations
 
 import asyncio
+import gc
 import http.client
 import json
 import socket
@@ -25,6 +26,7 @@ from barewire import ModbusServer, connect, load
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import BarewireError, NoAnswer
 from barewire.io.fault_injection.faults import Faults, ModbusWire
+from barewire.rtu import encode
 from barewire_workbench.cli.panels.description import description, planned_frames
 from barewire_workbench.cli.panels.line import Busy, PanelLine, running
 from barewire_workbench.cli.panels.server import PanelServer
@@ -240,9 +242,44 @@ def test_when_the_thread_ends_waiting_writes_fail() -> None:
         line.write(SETTING, 3)
 
 
+def test_the_line_is_diagnosed_over_its_last_frames_and_a_fault_that_is_over_leaves_with_them() -> None:
+    clock = VirtualClock()
+
+    class Lossy(Machine):
+        def read_all(self, names: Any) -> Any:
+            unit, self.frames = 1, getattr(self, "frames", 0) + 1
+            self.watch("sent", encode(unit, bytes.fromhex("03 0000 0001")))
+            clock.time += 0.02
+            if self.is_silent and self.frames % 2:
+                clock.time += 1
+                raise NoAnswer("unit 1: no answer within 1 s")
+            self.watch("received", encode(unit, bytes.fromhex("03 02 0017")))
+            return super().read_all(names) if not self.is_silent else []
+
+    line = line_of(machine := Lossy(), clock)
+
+    def turns(number: int) -> dict[str, Any]:
+        for _ in range(number):
+            clock.time += line.turn()
+        diagnosis: dict[str, Any] = line.changes_since(0, [])["diagnosis"]
+        return diagnosis
+
+    with line.look_at([SETTING]):
+        assert turns(20) == {"exchanges": 21, "verdicts": [], "findings": []}
+        machine.is_silent = True
+        diagnosis = turns(20)
+        assert diagnosis["verdicts"][0][0] == "responses are missing now and then [lost-answers]"
+        assert len(diagnosis["findings"]) == 5
+        assert "no response to Read Holding Registers, 1 from 0000h [no-answer]" in diagnosis["findings"][-1][1]
+        machine.is_silent = False
+        assert turns(160) == {"exchanges": 150, "verdicts": [], "findings": []}
+
+
 @pytest.mark.proof
-def test_an_hour_with_twenty_viewers_takes_no_more_memory() -> None:
-    """7,200 polls of half a second in compressed time; the first half fills what is kept and all caches."""
+def test_an_hour_with_twenty_viewers_takes_no_more_memory(monkeypatch: pytest.MonkeyPatch) -> None:
+    """7,200 polls of half a second in compressed time; the first half fills what is kept and all caches. The line is
+    diagnosed once a minute."""
+    monkeypatch.setattr("barewire_workbench.cli.panels.line._DIAGNOSED", 60.0)
     clock = VirtualClock()
     machine = simulator("csd-mt")
     with ModbusServer("tcp://127.0.0.1:0", MachineUnits(machine)) as server:
@@ -258,6 +295,7 @@ def test_an_hour_with_twenty_viewers_takes_no_more_memory() -> None:
                     for viewer in range(20):
                         revisions[viewer] = line.changes_since(revisions[viewer], names)["revision"]
                     if number % 720 == 719:
+                        gc.collect()  # a diagnosis refers to itself
                         sizes.append(tracemalloc.get_traced_memory()[0])
         finally:
             tracemalloc.stop()

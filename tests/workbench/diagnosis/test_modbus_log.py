@@ -164,6 +164,17 @@ FAULTS: dict[str, tuple[Traffic, str, str]] = {
 }  # fmt: skip
 
 
+def test_a_damaged_character_of_ascii_is_no_second_device() -> None:
+    """The characters of a response are twice its bytes."""
+    traffic = []
+    for sent in polls(20, 1, 2):
+        frame = ascii_frame(sent.data[0], sent.data[1:-2])
+        is_damaged = sent.data[0] == 2 and not sent.from_client
+        traffic.append(sent._replace(data=frame[:7] + b"J" + frame[8:] if is_damaged else frame))
+    _, verdicts = diagnosed(log_of(traffic, "words"))
+    assert [verdict.code for verdict in verdicts] == ["disturbed"], verdicts
+
+
 @pytest.mark.parametrize("name", FAULTS)
 def test_a_fault_of_the_line_yields_its_verdict(name: str) -> None:
     traffic, code, evidence = FAULTS[name]

@@ -266,7 +266,9 @@ class LineDiagnosis:
             counts.unit(unit).damaged += 1
             self._spoiled.append((unit, asked.end))
             size = response_size(asked.adu.pdu)
-            counts.unit(unit).too_long += size is not None and len(noise.data) > size + 4
+            # In ASCII a byte has two characters, the LRC takes the place of the CRC, and ':' CR LF are around it.
+            longest = 0 if size is None else size + 4 if self.protocol != "ascii" else 2 * size + 9
+            counts.unit(unit).too_long += size is not None and len(noise.data) > longest
             if (
                 self.protocol == "rtu"
                 and (lost := lost_end(noise.data, asked.adu.unit, asked.adu.pdu, size)) is not None

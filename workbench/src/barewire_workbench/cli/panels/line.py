@@ -22,6 +22,7 @@ from barewire import connect
 from barewire.codecs import Value
 from barewire.devices import Device, Reading
 from barewire.errors import BarewireError, NoAnswer, PortError, Refused
+from barewire_workbench.cli.panels.diagnosis import LastFrames
 from barewire_workbench.cli.shown_frames import ShownFrames
 from barewire_workbench.live.check_device import check_device
 from barewire_workbench.live.polling import Clock, Poller
@@ -30,6 +31,7 @@ from barewire_workbench.live.results import text_with_notes
 from barewire_workbench.value_log.sample import plain_value
 
 if TYPE_CHECKING:
+    from barewire.io.ports.base import Direction
     from barewire_workbench import Explanation
 
 _BLOCK = 16
@@ -38,6 +40,8 @@ _FRAMES = 300
 """Frames that are kept."""
 _WRITES = 32
 """Writes that may wait."""
+_DIAGNOSED = 1.0
+"""Seconds between two diagnoses of the line; one takes some ten milliseconds."""
 _IDLE = 0.5
 """Seconds after which the thread looks whether there is something to do."""
 
@@ -86,6 +90,9 @@ class PanelLine:
         self.polls = 0
         self.frames: deque[KeptFrame] = deque(maxlen=_FRAMES)
         self._frames = _KeptFrames(endpoint, device, self._keep_frame)
+        self._last_frames = LastFrames(device, endpoint)
+        self._diagnosis: tuple[int, dict[str, Any]] = 0, {}  # revision, what was found
+        self._next_diagnosis, self._diagnosed = 0.0, 0
         self._connect, self._check, self._clock = connect, check, clock
         self._machine: Any = None
         self._is_known = False
@@ -146,6 +153,7 @@ class PanelLine:
                     for frame in self.frames
                     if frame.number > revision
                 ],
+                "diagnosis": self._diagnosis[1] if self._diagnosis[0] > revision else None,
             }
 
     def frame(self, number: int) -> KeptFrame | None:
@@ -192,6 +200,7 @@ class PanelLine:
         except BarewireError as error:
             self._failed(error)
         self._frames.flush()
+        self._diagnose()
         self.on_change()
         return max(self.period, 2 * (self._clock.now() - start)) if names else _IDLE
 
@@ -242,7 +251,7 @@ class PanelLine:
     def _opened(self, *, before_write: bool = False) -> Any:
         """Return the connected machine, asked once for each connection what it is."""
         if self._machine is None:
-            self._machine = self._connect(self.device, self.endpoint, watch=self._frames.watch)
+            self._machine = self._connect(self.device, self.endpoint, watch=self._watch)
             self._is_known = not self._check
         if not self._is_known:
             check_device(self._machine, before_write=before_write)
@@ -277,6 +286,21 @@ class PanelLine:
                 if name not in self._cells or self._cells[name][1:] != cell:
                     self.revision += 1
                     self._cells[name] = (self.revision, *cell)
+
+    def _watch(self, direction: Direction, item: Any) -> None:
+        self._last_frames.take(direction, item, self._clock.now() - self._start)
+        self._frames.watch(direction, item)
+
+    def _diagnose(self) -> None:
+        """Diagnose the last frames, if others have passed."""
+        now, taken = self._clock.now(), self._last_frames.taken
+        if taken == self._diagnosed or now < self._next_diagnosis:
+            return
+        self._next_diagnosis, self._diagnosed = now + _DIAGNOSED, taken
+        diagnosis = self._last_frames.diagnosis()
+        with self._lock:
+            self.revision += 1
+            self._diagnosis = self.revision, diagnosis
 
     def _keep_frame(self, direction: str, digits: str, explanation: Explanation) -> None:
         with self._lock:

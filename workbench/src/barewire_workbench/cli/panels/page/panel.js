@@ -82,6 +82,7 @@ function take(event) {
   }
   if (event.alive && event.polls !== polls) scope.take(event.at, scope.names.map((name) => latest.get(name)?.[0]));
   polls = event.polls;
+  if (event.diagnosis) showDiagnosis(event.diagnosis);
   if (event.world) takeWorld(event.world);
   if (!held) showFrames(event.frames.filter(([number]) => number > seen));
   seen = Math.max(seen, event.revision);
@@ -90,6 +91,17 @@ function take(event) {
 function showState(alive, text) {
   document.body.className = alive ? "alive" : "dead";
   if (at("state-text").textContent !== text) at("state-text").textContent = text;
+}
+
+// Diagnosis
+
+function showDiagnosis({ exchanges, verdicts, findings }) {
+  const [wrong, well] = at("diagnosis-title").children, said = verdicts.map(([text]) => text).join("; ");
+  at("diagnosis").hidden = false;
+  if (wrong.textContent !== said) wrong.textContent = said;  // only then it is read aloud
+  well.textContent = said ? "" : `nothing wrong in the last ${exchanges} exchanges`;
+  at("diagnosis").querySelector("ul").replaceChildren(...verdicts.map(([, evidence]) => element("li", {}, evidence)),
+    ...findings.map(([time, text]) => element("li", { class: "soft" }, `${time} s  ${text}`)));
 }
 
 // Frames
