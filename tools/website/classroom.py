@@ -84,7 +84,8 @@ def sections(lab: Lab) -> list[Section]:
             found[-1].blocks.append(Block(html, _code_lines(first.content), first.content, first.info.strip()))
         elif first.type != "html_block":
             text = "".join(token.content for token in tokens if token.type == "inline")
-            lines = 9.0 if "<img" in html else len(text) / 75 + 0.6 * html.count("<li>") + 0.8
+            lines = sum(map(_picture_lines, re.findall(r"!\[.*?\]\((.*?)\)", text)))
+            lines = lines or len(text) / 75 + 0.6 * html.count("<li>") + 0.8
             found[-1].blocks.append(Block(html, lines, leads_on=text.endswith(":")))
     return found
 
@@ -127,6 +128,11 @@ def _image(renderer: object, tokens: list[Token], at: int, options: object, env:
     token = tokens[at]
     data = b64encode((_PAGES / str(token.attrGet("src"))).read_bytes()).decode()
     return f'<img src="data:image/svg+xml;base64,{data}" alt="{escape(token.content)}">'
+
+
+def _picture_lines(path: str) -> float:
+    width, height = re.findall(r'(?:width|height)="(\d+)"', (_PAGES / path).read_text(encoding="utf-8"))[:2]
+    return 28 * int(height) / int(width)
 
 
 def screens(lab: Lab) -> list[tuple[str, str]]:

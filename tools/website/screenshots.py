@@ -32,6 +32,8 @@ KEPT = {
     "tutorial/01-bits-on-a-wire": ((1280, "dark"), (390, "light")),
     "how-to/migrate": ((1280, "light"),),
     "reference/messages-modbus": ((1280, "dark"), (390, "light")),
+    "class/03-a-register-read-by-hand@6": ((1280, "light"),),
+    "class/03-a-register-read-by-hand-sheet": ((1280, "light"),),
 }
 """The pictures of docs/screenshots."""
 PREVIEW = (1200, 630)
