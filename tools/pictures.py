@@ -1,5 +1,5 @@
 """Draws docs/pictures/*.svg with the commands that docs/reference/pictures.md names, and those of the course: run
-`make pictures`.
+`make pictures`. The screens of the terminal are drawn by `tools/screens.py`.
 
 `tests/website/test_pictures_of_pages.py` fails when a picture is not the one that its command draws today.
 """
@@ -13,6 +13,7 @@ from io import StringIO
 from pathlib import Path
 
 from barewire_workbench.cli.app import run_command_line
+from tools.screens import SCREENS
 
 ROOT = Path(__file__).parent.parent
 FOLDER = ROOT / "docs" / "pictures"
@@ -66,10 +67,12 @@ def main() -> None:
     """Write every picture, and remove those without a command."""
     for name, command in ALL.items():
         (FOLDER / name).write_text(drawn(command), encoding="utf-8")
+    for name, draw in SCREENS.items():
+        (FOLDER / name).write_text(draw(), encoding="utf-8")
     for path in FOLDER.glob("*.svg"):
-        if path.name not in ALL:
+        if path.name not in ALL and path.name not in SCREENS:
             path.unlink()
-    sys.stdout.write(f"docs/pictures: {len(ALL)} pictures\n")
+    sys.stdout.write(f"docs/pictures: {len(ALL) + len(SCREENS)} pictures\n")
 
 
 if __name__ == "__main__":

@@ -2,11 +2,13 @@
 
 from __future__ import annotations
 
+import re
+
 import pytest
 
 from barewire_workbench.cli.labs.repair import RECORDINGS, recording_text
 from tests.workbench.pictures.checks import assert_self_contained
-from tools import pictures
+from tools import pictures, screens
 
 
 @pytest.mark.parametrize("name", pictures.ALL)
@@ -18,10 +20,21 @@ def test_a_picture_is_up_to_date(name: str) -> None:
 
 def test_the_page_shows_each_picture_below_its_command() -> None:
     page = pictures.PAGE.read_text(encoding="utf-8")
-    assert sorted(path.name for path in pictures.FOLDER.glob("*.svg")) == sorted(pictures.ALL)
+    assert sorted(path.name for path in pictures.FOLDER.glob("*.svg")) == sorted([*pictures.ALL, *screens.SCREENS])
     for name, command in pictures.COMMANDS.items():
         between = page.partition(f"```text\n{command}\n```\n")[2].partition("```")[0]
         assert between.split("](", 1)[-1].startswith(f"../pictures/{name})"), name
+
+
+@pytest.mark.parametrize(("name", "page"), [("screen-sniff.svg", "listening-in.md"), ("screen-panel.svg", "panel.md")])
+def test_a_screen_has_the_text_that_it_has_today(name: str, page: str) -> None:
+    """Its colours and frames are those of Textual, which may change them."""
+    kept = (pictures.FOLDER / name).read_text(encoding="utf-8")
+    assert not re.search(r"@font-face|@import|href=|https?:(?!//www.w3.org/2000/svg)|url\((?!#)", kept)
+    assert f"](../pictures/{name})" in (pictures.ROOT / "docs" / "how-to" / page).read_text(encoding="utf-8")
+    pytest.importorskip("textual")
+    drawn = screens.text_of(screens.SCREENS[name]())
+    assert screens.text_of(kept).split() == drawn.split(), "run make pictures"
 
 
 @pytest.mark.parametrize("name", pictures.COURSE)

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import asyncio
 import fcntl
-import html
 import os
 import pty
 import re
@@ -35,13 +34,14 @@ from barewire_workbench.monitor import is_repeated
 from tests.helpers import unhex
 from tests.workbench.cli.helpers import ENVIRONMENT, error_of, output_of, run_here
 from tests.workbench.cli.test_panel import SETTING, Machine, VirtualClock
+from tools.screens import text_of
 
 pytest.importorskip("textual")
 from textual.pilot import Pilot
 
 from barewire_workbench.cli.terminal.machine import MachineScreen
 from barewire_workbench.cli.terminal.screen import Ask, RowList
-from barewire_workbench.cli.terminal.sniffing import SniffScreen, explained_lines, save_rows
+from barewire_workbench.cli.terminal.sniffing import SniffScreen, explained_lines, save_rows, shortened
 
 LINE = "\n".join(
     f"{at} {rtu_frame(unit, unhex(pdu)).hex(' ')}"
@@ -108,11 +108,7 @@ def row(number: int, *, wrong: bool = False, unit: int = 1) -> Row:
 
 def shown(app: Any) -> str:
     """Return the text of the screen."""
-    lines: dict[float, list[tuple[float, str]]] = {}
-    for attributes, text in re.findall(r"<text ([^>]*)>(.*?)</text>", app.export_screenshot()):
-        x, y = (float(re.search(rf'\b{name}="([\d.]+)"', attributes)[1]) for name in "xy")  # type: ignore[index]
-        lines.setdefault(y, []).append((x, html.unescape(text).replace("\xa0", " ")))
-    return "\n".join("".join(text for _, text in sorted(line)) for _, line in sorted(lines.items()))
+    return text_of(app.export_screenshot())
 
 
 def on_screen(app: Any, act: Callable[[Pilot[None]], Awaitable[None]], size: tuple[int, int] = (80, 24)) -> None:
@@ -235,6 +231,10 @@ def test_the_list_grows_follows_and_stays_where_the_user_looks() -> None:
         assert app.query_one(RowList).chosen is chosen
         await pilot.press("space")
         assert app.query_one(RowList).chosen.at == 40
+        await pilot.press("up", "end")
+        heard.put(row(41))
+        app.look()
+        assert app.query_one(RowList).chosen.at == 41
         await pilot.press("home")
         await pilot.pause()
         assert app.query_one(RowList).chosen.at == 0
@@ -270,6 +270,13 @@ def test_what_is_wrong_is_red(tmp_path: Path) -> None:
         assert all(names == {"red"} for names in colors[2:])
 
     on_screen(app, act)
+
+
+def test_a_narrow_screen_leaves_out_a_part_of_the_request_rather_than_the_answer() -> None:
+    text = "Read Holding Registers, 2 from 0FA0h -> exception 02 (illegal data address)"
+    assert shortened(text, 100) == text
+    assert shortened(text, 46) == "Read Holding Registers…" + " -> exception 02 (illegal data address)"
+    assert shortened("no arrow in a long text", 10) == "no arrow in a long text"
 
 
 def test_a_filter_is_typed_and_removed(tmp_path: Path) -> None:
@@ -311,7 +318,7 @@ def test_memory_is_bounded_and_what_was_dropped_is_counted() -> None:
             heard.put(row(number))
         app.look()
         assert len(app.query_one(RowList).rows) == len(app._rows) == 50
-        assert heard.dropped == 210
+        assert app.dropped + heard.dropped == 210
         await pilot.pause()
         assert "210 dropped" in shown(app)
         assert app.query_one(RowList).chosen.at == 210

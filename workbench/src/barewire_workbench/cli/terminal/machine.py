@@ -13,7 +13,7 @@ from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding
 from textual.containers import Container, Vertical
-from textual.widgets import Footer, Static
+from textual.widgets import Footer
 
 from barewire.devices.cia402 import state_of
 from barewire.errors import BarewireError
@@ -25,6 +25,7 @@ from barewire_workbench.cli.terminal.screen import (
     WRONG,
     Ask,
     FilterLine,
+    Line,
     Lines,
     RowList,
     TerminalApp,
@@ -82,6 +83,7 @@ space         stop the list of frames, or go on
         self._values: dict[str, tuple[Any, str, str]] = {}  # value, text, why there is none
         self._revision = 0
         self._holding = False
+        self._newest: KeptFrame | None = None
         self._message: tuple[str, bool] = ("", False)
         self._looking = ExitStack()
         self._polled: list[str] = []
@@ -89,7 +91,7 @@ space         stop the list of frames, or go on
 
     def compose(self) -> ComposeResult:
         """Make the parts of the screen."""
-        self._state, self._groups = Static(id="state", classes="line"), Static(id="groups", classes="line")
+        self._state, self._groups = Line(id="state"), Line(id="groups")
         self._list, self._frames = RowList(self._draw_value, id="values"), RowList(self._draw_frame, id="frames")
         self._frames.border_title = "frames"
         self._lower = Lines(id="below")
@@ -128,10 +130,12 @@ space         stop the list of frames, or go on
         """Take what was polled since the last look, and show it."""
         changes = self.line.changes_since(self._revision, self._polled)
         self._revision = changes["revision"]
-        self._values |= changes["values"]
-        if not self._holding:
-            self._frames.show(list(self.line.frames), len(self.line.frames) - 1)
-        self._list.refresh()
+        if changes["values"]:
+            self._values |= changes["values"]
+            self._list.refresh()
+        if not self._holding and len(frames := list(self.line.frames)) and frames[-1] is not self._newest:
+            self._newest = frames[-1]
+            self._frames.show(frames, len(frames) - 1)
         self._show_state(changes)
         self._show_below()
 
@@ -146,12 +150,12 @@ space         stop the list of frames, or go on
         text, wrong = self._message
         state.append(f"  {text}", WRONG if wrong else "bold").append(f"  {self.line.polls} polls  ")
         state.append(f"{self._device['device']} at {self.line.endpoint}", FAINT)
-        self._state.update(state)
+        self._state.show(state)
         names = Text()
         for place in range(self._group, self._group + len(self._names)):
             name = self._names[place % len(self._names)]
             names.append(f" {name} ", "reverse" if place == self._group else "").append(" ")
-        self._groups.update(names)
+        self._groups.show(names)
 
     @property
     def drive_state(self) -> str | None:

@@ -122,6 +122,19 @@ class RowList(ScrollView):
         self.action_move(3)
 
 
+class Line(Static):
+    """One line, cut at its end. It is drawn again only when it changes."""
+
+    DEFAULT_CSS = "Line { height: 1; text-wrap: nowrap; text-overflow: ellipsis; }"
+    _shown: Text | None = None
+
+    def show(self, text: Text) -> None:
+        """Show a text."""
+        if text != self._shown:
+            self._shown = text
+            self.update(text)
+
+
 class Lines(VerticalScroll):
     """Text that scrolls."""
 
@@ -202,7 +215,6 @@ class TerminalApp(App[None]):
     """A screen of barewire. `HELP` has its keys; a screen adds `LAST_BINDINGS` to its own."""
 
     ENABLE_COMMAND_PALETTE = False
-    DEFAULT_CSS = ".line { height: 1; text-wrap: nowrap; text-overflow: ellipsis; }"
     HELP: ClassVar[str] = ""
     BINDINGS: ClassVar[list[Any]] = [
         Binding("slash", "filter", "Filter", key_display="/"),

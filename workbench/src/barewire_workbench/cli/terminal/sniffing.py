@@ -19,7 +19,7 @@ from typing import Any, ClassVar
 from rich.text import Text
 from textual.app import ComposeResult
 from textual.binding import Binding
-from textual.widgets import Footer, Static
+from textual.widgets import Footer
 
 from barewire.errors import BarewireError, EncodeError
 from barewire_workbench.cli.sources import RecordingFile, Source, check_ending
@@ -30,6 +30,7 @@ from barewire_workbench.cli.terminal.screen import (
     WRONG,
     Ask,
     FilterLine,
+    Line,
     Lines,
     RowList,
     TerminalApp,
@@ -61,7 +62,8 @@ class SniffScreen(TerminalApp):
         *LAST_BINDINGS,
     ]
     HELP = """
-arrows, PgUp, PgDn, Home, End: choose a row; the list stops there
+arrows, PgUp, PgDn, Home, End: choose a row; the list stops there, and
+           goes on from the last one
 space      stop the list, or follow the newest row again
 Tab        to the explanation, to scroll it, and back
 /          filter: unit=3, node=5, function=3, function=read, errors, any text;
@@ -77,6 +79,7 @@ w          write the rows that are shown as a recording
         super().__init__()
         self.heard, self.source = heard, source
         self.following = True
+        self.dropped = 0
         self.chosen_rows = Filter()
         self._save = save
         self._rows: deque[Row] = deque()
@@ -88,7 +91,7 @@ w          write the rows that are shown as a recording
 
     def compose(self) -> ComposeResult:
         """Make the parts of the screen."""
-        self._state, self._heading = Static(id="state", classes="line"), Static(id="heading", classes="line")
+        self._state, self._heading = Line(id="state"), Line(id="heading")
         self._list, self._lower = RowList(self._draw), Lines(id="lower")
         yield from (self._state, self._heading, self._list, self._lower, FilterLine(_EXAMPLE), Footer())
 
@@ -109,7 +112,7 @@ w          write the rows that are shown as a recording
                 self._widths[name] = max(self._widths[name], len(text))
             if len(self._rows) >= self.heard.limit:
                 oldest = self._rows.popleft()
-                self.heard.dropped += 1
+                self.dropped += 1
                 if self._shown and self._shown[0] is oldest:
                     self._shown.popleft()
                     gone += 1
@@ -124,12 +127,21 @@ w          write the rows that are shown as a recording
 
     def _draw(self, row: Row, width: int) -> Text:
         cells = [(text, self._widths[name]) for name, text in self._cells(row).items()]
-        return columns(width, *cells, (row.text, 0), style=WRONG if row.wrong else None)
+        left = width - sum(size + 1 for _, size in cells)
+        return columns(width, *cells, (shortened(row.text, left), 0), style=WRONG if row.wrong else None)
 
     def _cells(self, row: Row) -> dict[str, str]:
         """Return the narrow columns of a row; without a time if the recording has none."""
-        at = datetime.fromtimestamp(row.at).strftime("%H:%M:%S.%f")[:-3] if self.heard.live else f"{row.at:.6f}"
-        return ({"time": at} if self.heard.timed else {}) | {"who": row.who, "what": row.what}
+        time = {"time": self._time(row.at)} if self.heard.timed else {}
+        return time | {"who": row.who, "what": row.what}
+
+    def _time(self, at: float) -> str:
+        """Return a time of day; of a recording, its own."""
+        return datetime.fromtimestamp(at).strftime("%H:%M:%S.%f")[:-3] if self.heard.live else f"{at:.6f}"
+
+    def _with_time(self, line: str, at: float) -> str:
+        """Return a line that has its time as seconds, with the time of the list."""
+        return line.replace(f"{at:.6f}", self._time(at), 1)
 
     def _show_state(self) -> None:
         heard = self.heard
@@ -142,8 +154,8 @@ w          write the rows that are shown as a recording
         ]
         if heard.knows_load:
             parts.append((f"busy {100 * heard.per_second('busy'):.0f} %", ""))
-        if heard.dropped:
-            parts.append((f"{heard.dropped} dropped", WRONG))
+        if dropped := self.dropped + heard.dropped:
+            parts.append((f"{dropped} dropped", WRONG))
         if self.chosen_rows != Filter():
             parts.append((f"{len(self._shown)} shown", "reverse"))
         if heard.error is not None:
@@ -155,10 +167,10 @@ w          write the rows that are shown as a recording
         for text, style in parts:
             state.append(text, style).append("  ")
         state.append(self.source, FAINT)
-        self._state.update(state)
+        self._state.show(state)
         names = ({"time": "time"} if heard.timed else {}) | heard.heading
         heading = [(text, self._widths[name]) for name, text in names.items()]
-        self._heading.update(columns(self.size.width, *heading, (heard.noun, 0)))
+        self._heading.show(columns(self.size.width, *heading, (heard.noun, 0)))
 
     # Below the list
 
@@ -166,7 +178,8 @@ w          write the rows that are shown as a recording
         row = self._list.chosen
         if self._diagnosing:
             self._lower.border_title = f"diagnosis: {self.heard.found} findings"
-            findings = [(finding.sentence, True) for finding in reversed(self.heard.findings)]
+            found = list(self.heard.findings)  # at once: the thread goes on
+            findings = [(self._with_time(finding.sentence, finding.at), True) for finding in reversed(found)]
             lines = [*((verdict, "[nothing-wrong]" not in verdict) for verdict in self.heard.verdicts), *findings]
             if lines != self._lines_below:
                 self._lines_below = lines
@@ -174,11 +187,15 @@ w          write the rows that are shown as a recording
         elif row is not self._below or row is None:
             self._below = row
             self._lower.border_title = "explanation"
-            self._lower.show(explained_lines(row) if row is not None else [("nothing was heard yet", False)])
+            lines = [("nothing was heard yet", False)]
+            if row is not None:
+                (line, wrong), *frames = explained_lines(row)
+                lines = [(self._with_time(line, row.at), wrong), *frames]
+            self._lower.show(lines)
 
     def on_row_list_moved(self, event: RowList.Moved) -> None:
-        """Stay at the row that was chosen."""
-        self.following = False
+        """Stay at the row that was chosen; follow again from the last one."""
+        self.following = self._list.place == len(self._shown) - 1
         self._show_state()
         self._show_below()
 
@@ -231,6 +248,15 @@ w          write the rows that are shown as a recording
             self.notify(str(error), severity="error")
         else:
             self.notify(f"{name} written")
+
+
+def shortened(text: str, width: int) -> str:
+    """Return "request -> answer" in a width, with the end of the request left out rather than the answer."""
+    request, arrow, answer = text.partition(" -> ")
+    if len(text) <= width or not arrow:
+        return text
+    room = max(width // 2, width - len(arrow) - len(answer)) - 1
+    return f"{request[:room]}…{arrow}{answer}" if room < len(request) else text
 
 
 def explained_lines(row: Row) -> list[tuple[str, bool]]:
