@@ -37,7 +37,7 @@ def lists(door: Path) -> tuple[dict[str, set[str]], dict[str, set[str]]]:
         if (
             isinstance(node, ast.ImportFrom)
             and (node.module or "").startswith(within)
-            and node.names[0].name not in ("NAMES", "lazy")
+            and node.names[0].name not in ("NAMES", "lazy", "TYPE_CHECKING")
         ):
             file = str(node.module).removeprefix(within)
             if node.names[0].name == "*":

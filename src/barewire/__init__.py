@@ -29,9 +29,7 @@ The options of a URL and keyword arguments are the same options. Behind this doo
 `import barewire` loads none of them: a name loads its file when it is first used.
 """
 
-from typing import TYPE_CHECKING
-
-from barewire._lazy import lazy
+from barewire._lazy import TYPE_CHECKING, lazy
 
 if TYPE_CHECKING:
     from barewire.canopen.abort_codes import SdoAbort as SdoAbort

@@ -11,10 +11,13 @@ listed twice because type checkers read only import statements; `tests/test_door
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
 from importlib import import_module
 from sys import modules
-from typing import Any
+
+TYPE_CHECKING = False  # for type checkers True; `typing` takes longer to load than the rest
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+    from typing import Any
 
 
 def lazy(room: str, files: Mapping[str, str]) -> tuple[Callable[[str], Any], Callable[[], list[str]], list[str]]:

@@ -21,6 +21,7 @@ def test_the_stack_has_no_command_of_its_own() -> None:
 
 
 WORKBENCH = Path(__file__).parents[3] / "workbench" / "src"
+STACK = Path(__file__).parents[3] / "src"
 
 
 def started(code: str, *options: str) -> subprocess.CompletedProcess[str]:
@@ -36,6 +37,24 @@ def test_without_the_stack_one_line_says_what_to_install() -> None:
     done = started("pass", "-S")
     assert (done.returncode, done.stdout) == (1, "")
     assert done.stderr == "barewire: the command needs barewire 0.1.0: pip install 'barewire[cli]==0.1.0'\n"
+
+
+def test_little_is_loaded_before_ctrl_c_is_handled() -> None:
+    """An interrupt that early has the traceback of Python. `typing` would take most of that time."""
+    code = f"import sys; sys.path[:0] = [{str(WORKBENCH)!r}, {str(STACK)!r}]; before = set(sys.modules); "
+    code += "import barewire, barewire_workbench.cli; print(*(set(sys.modules) - before))"
+    done = subprocess.run([sys.executable, "-I", "-S", "-c", code], capture_output=True, text=True, check=True)
+    assert {"typing", "re", "click", "rich"}.isdisjoint(done.stdout.split())
+
+
+def test_ctrl_c_while_the_command_is_looked_for_ends_with_130(monkeypatch: pytest.MonkeyPatch) -> None:
+    def interrupted(**_: object) -> None:
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr("importlib.metadata.entry_points", interrupted)
+    with pytest.raises(SystemExit) as ended:
+        runpy.run_module("barewire", run_name="__main__")
+    assert ended.value.code == 130
 
 
 def test_a_program_is_told_what_the_workbench_needs() -> None:

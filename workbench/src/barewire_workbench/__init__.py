@@ -34,8 +34,7 @@ The rooms in reading order. Only `live` and `cli` use clocks and ports; the othe
 A name loads its file when it is first used.
 """
 
-from typing import TYPE_CHECKING
-
+TYPE_CHECKING = False  # for type checkers True; `typing` takes longer to load than the rest
 if TYPE_CHECKING:
     from barewire_workbench.api import (
         explain as explain,
