@@ -142,7 +142,7 @@ NUMBERS = [
     default("suffix of C", "6", "0x10UL", "number-form", 16),
     default("suffix of C, decimal", "7", "10u", "number-form", 10),
     default("a point in an integer", "7", "0.0", "real-for-integer", 0),
-    default("an exponent in an integer", "7", "1e3", "real-for-integer", 1000),
+    default("an exponent in an integer", "7", "1e3", "bad-number", 0),
     default("a comma in an integer", "7", "5,0", "decimal-comma", 5),
     default("a fraction in an integer", "7", "1.5", "bad-number", 0),
     default("a fraction with a comma in an integer", "7", "1,5", "bad-number", 0),

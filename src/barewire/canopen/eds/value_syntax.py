@@ -58,6 +58,7 @@ _BARE_HEX = re.compile(r"(?!0[bB])[0-9A-Fa-f]+")
 _POWER_OF_TEN = re.compile(r"[0-9]+[eE][0-9]+")  # it would be hexadecimal digits too
 _HEX_DIGITS = re.compile(r"[0-9A-Fa-f]+")
 _REAL = re.compile(r"(?:[0-9]+[.,]?[0-9]*|[.,][0-9]+)(?:[eE][+-]?[0-9]{1,3})?")
+_WHOLE_REAL = re.compile(r"([0-9]+)[.,]0*")  # no exponent: 1e3 may be meant as 1E3h
 _SPECIAL = re.compile(r"[+-]?(?:inf|nan|infinity)", re.I)
 _DAYS = re.compile(r"([0-9]{1,4}) ([0-9]{1,8})")  # days and milliseconds, as some tools write a time
 _WORDS = {"true": 1, "yes": 1, "false": 0, "no": 0}
@@ -109,8 +110,8 @@ def _unsigned(digits: str) -> tuple[int, str] | None:
         return _WORDS[digits.casefold()], "number-form"
     if _BARE_HEX.fullmatch(digits) and not _POWER_OF_TEN.fullmatch(digits):
         return int(digits, 16), "number-form"
-    if _REAL.fullmatch(digits) and float(digits.replace(",", ".")).is_integer():
-        return int(float(digits.replace(",", "."))), "decimal-comma" if "," in digits else "real-for-integer"
+    if match := _WHOLE_REAL.fullmatch(digits):
+        return int(match[1]), "decimal-comma" if "," in digits else "real-for-integer"
     return None
 
 
