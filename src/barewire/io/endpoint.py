@@ -132,16 +132,17 @@ CARRIERS = {
 }
 """All carriers of Modbus, by scheme."""
 
-_INTEGERS: dict[str, tuple[int, int | None]] = {
+_INTEGERS = {
     "unit": (0, 255),
     "node": (1, 127),
-    "dead_after": (0, None),
-    "retries": (0, None),
-    "connections": (1, None),
-    "baudrate": (1, None),
+    "dead_after": (0, 1_000_000),
+    "retries": (0, 1000),
+    "connections": (1, 1_000_000),
+    "baudrate": (1, 100_000_000),
     "bitrate": (1000, 1_000_000),
+    "receive_buffer": (1, 1 << 30),
 }
-"""Options that are whole numbers: the smallest, and the largest if there is one."""
+"""Options that are whole numbers: the smallest and the largest."""
 _SECONDS = {"timeout", "gap", "longest_pause", "late_window", "idle", "patience"} | _PAUSES
 _CHOICES = {
     "parity": ("N", "E", "O"),
@@ -172,7 +173,7 @@ def socketcand_address(channel: str) -> tuple[str, int]:
     ('127.0.0.1', 29536)
     """
     host, _, port = channel.partition("/")[0].partition(":")
-    number = int(port[:9]) if port.isdecimal() else _SOCKETCAND_PORT
+    number = int(port[:9]) if port.isascii() and port.isdecimal() else _SOCKETCAND_PORT
     if number > 0xFFFF:
         raise EncodeError(f"{shown(channel)}: port {number} is not a number in 0..65535")
     return host, number
@@ -414,7 +415,7 @@ class Endpoint(NamedTuple):
         bracketed = host.startswith("[") and host.endswith("]")
         if bracketed != (":" in host) or "[" in host.strip("[]"):
             raise _error(str(self), "an IPv6 address stands in brackets, as [::1]:502")
-        if not port.isdecimal() or len(port) > 9 or int(port) > 0xFFFF:
+        if not (port.isascii() and port.isdecimal()) or len(port) > 9 or int(port) > 0xFFFF:
             raise _error(str(self), f"port {shown(port)} is not a number in 0..65535")
         if not can_be_host(host):
             raise _error(str(self), f"{shown(host)} cannot be the name of a host")
@@ -424,14 +425,13 @@ class Endpoint(NamedTuple):
         """Return an option that is a whole number."""
         if (text := self.options.get(key)) is None:
             return default
-        smallest, largest = _INTEGERS.get(split_name(key)[0], (None, None))
+        smallest, largest = _INTEGERS[split_name(key)[0]]
         try:
-            number = int(text, 0)
+            number = int(text if text.isascii() else "", 0)  # digits of other scripts are none
         except ValueError:
             raise _error(str(self), f"{key}={shown(text)} is not a whole number") from None
-        if (smallest is not None and number < smallest) or (largest is not None and number > largest):
-            limit = f"..{largest}" if largest else " or more"
-            raise _error(str(self), f"{key} {shown(number)}: expected {smallest}{limit}")
+        if not smallest <= number <= largest:
+            raise _error(str(self), f"{key} {shown(number)}: expected {smallest}..{largest}")
         return number
 
     def flag(self, key: str) -> bool:
@@ -442,7 +442,7 @@ class Endpoint(NamedTuple):
         """Return an option that is a time in seconds, 0 or more."""
         text = self.options.get(key)
         try:
-            number = default if text is None else float(text)
+            number = default if text is None else float(text if text.isascii() else "")
         except ValueError:
             number = -1.0
         if not 0 <= number < float("inf"):

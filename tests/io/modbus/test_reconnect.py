@@ -47,7 +47,7 @@ def deaf_once(connection: socket.socket) -> None:
 def test_every_carrier_of_modbus_has_retries(scheme: str) -> None:
     place = "/dev/x" if scheme in SERIAL else "127.0.0.1:1"
     assert Endpoint.parse(f"{scheme}://{place}?retries=3").integer("retries", 0) == 3
-    with refused(EncodeError, "retries -1: expected 0 or more"):
+    with refused(EncodeError, "retries -1: expected 0..1000"):
         Endpoint.parse(f"{scheme}://{place}?retries=-1")
 
 
@@ -130,7 +130,7 @@ def test_a_retry_waits_for_the_pause_and_none_is_made_if_that_is_longer_than_the
         drawn.append(0.5)
         return 0.5
 
-    url = f"tcp://127.0.0.1:{free_port()}?retries=100000&timeout=0.5&reconnect_first={first}"
+    url = f"tcp://127.0.0.1:{free_port()}?retries=1000&timeout=0.5&reconnect_first={first}"
     with refused(PortError, "connection refused") as caught:
         read_one(client(url, lazy=True, jitter=jitter))
     assert "tried again" not in str(caught.value)
@@ -139,7 +139,7 @@ def test_a_retry_waits_for_the_pause_and_none_is_made_if_that_is_longer_than_the
 
 @pytest.mark.parametrize("client", CLIENTS)
 def test_a_closed_client_makes_no_retry(client: Any, monkeypatch: pytest.MonkeyPatch) -> None:
-    one = client("tcp://127.0.0.1:1?retries=100000", lazy=True)
+    one = client("tcp://127.0.0.1:1?retries=1000", lazy=True)
     one.connection.close()
     run, runs = one.connection.run, []
 

@@ -220,7 +220,7 @@ def test_the_time_of_the_system_is_given_on_request(pair: tuple[Spy, socket.sock
         ("filter=585,", "filter='585,': expected identifiers"),
         ("filter=FFF", "filter='FFF': expected identifiers"),
         ("fd=maybe", "fd='maybe': expected 0 or 1"),
-        ("receive_buffer=0", "receive_buffer='0': expected 1 or more bytes"),
+        ("receive_buffer=0", "receive_buffer 0: expected 1..1073741824"),
         ("receive_own_message=1", "did you mean 'receive_own_messages'"),
     ],
 )

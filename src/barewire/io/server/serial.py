@@ -187,7 +187,7 @@ def _new_terminal(endpoint: Endpoint) -> PseudoTerminal:
         text = "a new pseudo-terminal has no direction to set"
         raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "set_direction")
     link = None if endpoint.place == PSEUDO_TERMINAL else endpoint.place
-    pace = SerialSettings.of(endpoint).timing if endpoint.integer("pace", 1) else None
+    pace = SerialSettings.of(endpoint).timing if endpoint.choice("pace", "1") == "1" else None
     terminal = PseudoTerminal(link, pace)
     terminal.mark_as_served()
     return terminal

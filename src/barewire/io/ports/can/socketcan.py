@@ -403,6 +403,4 @@ def check_socketcan_options(endpoint: Endpoint) -> None:
         raise unknown_option(str(endpoint), option, CAN_OPTIONS | SOCKETCAN_OPTIONS)
     for key in ("receive_own_messages", "local_loopback", "fd"):
         flag(endpoint, key)
-    if endpoint.integer("receive_buffer", _ROOM) < 1:
-        raise _wrong(endpoint, "receive_buffer", "1 or more bytes")
     filters_of(endpoint)
