@@ -16,6 +16,7 @@ import sys
 from base64 import b64encode
 from collections.abc import Iterator
 from html import escape
+from math import inf
 from pathlib import Path
 from typing import NamedTuple
 
@@ -51,8 +52,7 @@ class Block(NamedTuple):
 
     html: str
     lines: float
-    """How many lines of text it is as high as."""
-    code: str = ""
+    """How many lines of text it is as high as; infinite for the list of the exercises, which is not shown."""
     language: str = ""
     leads_on: bool = False
     """Ends with a colon: it belongs to the block behind it."""
@@ -81,7 +81,9 @@ def sections(lab: Lab) -> list[Section]:
         elif first.type == "table_open":
             found[-1].blocks.append(Block(f'<div class="table-wrapper">{html}</div>', 1.2 * html.count("<tr>")))
         elif first.type == "fence":
-            found[-1].blocks.append(Block(html, _code_lines(first.content), first.content, first.info.strip()))
+            lists_exercises = first.content.startswith(f"$ barewire lab {lab.number}\n")
+            lines = inf if lists_exercises else _code_lines(first.content)
+            found[-1].blocks.append(Block(html, lines, first.info.strip()))
         elif first.type != "html_block":
             text = "".join(token.content for token in tokens if token.type == "inline")
             lines = sum(map(_picture_lines, re.findall(r"!\[.*?\]\((.*?)\)", text)))
@@ -140,7 +142,7 @@ def screens(lab: Lab) -> list[tuple[str, str]]:
     found = []
     for section in sections(lab):
         for part, blocks in enumerate(_portions(section.blocks), 1):
-            if _lists_exercises(blocks[0]):
+            if blocks[0].lines == inf:
                 found += [(f"Exercise {exercise.number}", _exercise(lab, exercise)) for exercise in lab.exercises]
             else:
                 number = f" <span>{part}</span>" if part > 1 else ""
@@ -148,23 +150,16 @@ def screens(lab: Lab) -> list[tuple[str, str]]:
     return found
 
 
-def _lists_exercises(block: Block) -> bool:
-    return re.match(r"\$ barewire lab \d+\n", block.code) is not None
-
-
 def _portions(blocks: list[Block]) -> Iterator[list[Block]]:
     """Yield as many blocks as fit a screen; one with a colon at its end stays with the next one."""
     held: list[Block] = []
     for block in blocks:
-        if held and (_lists_exercises(block) or sum(other.lines for other in [*held, block]) > _ROOM):
-            leading = [held.pop()] if held[-1].leads_on and not _lists_exercises(block) else []
+        if held and sum(other.lines for other in [*held, block]) > _ROOM:
+            leading = [held.pop()] if held[-1].leads_on else []
             if held:
                 yield held
             held = leading
         held.append(block)
-        if _lists_exercises(block):
-            yield held
-            held = []
     if held:
         yield held
 
