@@ -178,7 +178,7 @@ _WORD = re.compile(
     r"(?<![A-Za-z])(?:"
     r"(?P<asked>requests?|req|query)|(?P<answered>responses?|resp|reply|answers?)"
     r"|(?P<sent>IRP_MJ_WRITE|sends?|sent|sending|txd?|transmit|transmitted|transmitting|wrote)"
-    r"|(?P<received>IRP_MJ_READ|recv|rcv|receives?|received|receiving|rxd?)"
+    r"|(?P<received>IRP_MJ_READ|rec|recv|recd|rcv|rcvd|receives?|received|receiving|rxd?|got)"
     r"|(?P<asker>master|client)|(?P<answerer>slave|server)"
     r"|(?P<out>write|writes|writing|out|output)|(?P<into>read|reads|reading|in|input)"
     r")(?![A-Za-z])",
@@ -188,13 +188,19 @@ _MARK = re.compile(r"(?P<sent>-+>|>>+|=>|>|[→⇒])|(?P<received><-+|<<+|<=|<|[
 _LAST_MARK = re.compile(rf"(?:^|[\s\])])(?:{_MARK.pattern})[\s:]*$")
 _GROUPS = (("asked", "answered"), ("sent", "received"), ("asker", "answerer"), ("out", "into"))
 """Which words count if there are several: "response for read request" is a response, "server received" is received."""
-_SIZE = re.compile(r"[\s:=>#\[\](\-]*(?:\d+(?: ?bytes?)?)?[\s:=>#\[\])\-]*")
+_SIZE = re.compile(
+    r"[\s:=>#\[\](\-]*(?:(?:\d+(?: ?bytes?)?|data|bytes|buffer|frame|message)[\s:=>#\[\])\-]*){0,3}", re.IGNORECASE
+)
 """What may stand between "read" or "write" and the bytes of a frame: their number."""
 _LONGEST_SIZE = 60
+_NAMED = re.compile(r"(?:[\s:=<>#\[\]()\d-]|to|master|client|slave|server)*", re.IGNORECASE)
+"""What may stand between "master" or "slave" and the bytes of a frame."""
 _NUMBER = re.compile(r"(?i)(?<![A-Za-z])(?:tx|rx):\d{4,8}-")
 """Modbus Poll counts its frames: the number belongs to the word, not to the bytes."""
-_SINGLE = re.compile(r"(?<![\w.])(?:0x|\\x)?([0-9A-Fa-f]{2})[\]>]?\s*$")
-"""One byte alone: a part of a frame, as slow adapters deliver it."""
+_SINGLE = re.compile(r"(?:(?<![\w.])(?:0x|\\x)|[:=<>\]\[-]\s{0,9})([0-9A-Fa-f]{2})[\]>]?\s*$")
+"""One byte alone: a part of a frame, as slow adapters deliver it. Without a mark it would be a number of bytes."""
+_COMPLAINT = re.compile(r"(?i)\bCRC\b|checksum|invalid|incomplete|unexpected|discard|garbage|malformed|corrupt")
+"""A program says so of what it received. Many print the bytes for a second time."""
 _SEPARATORS = re.compile(r"[\s:=>#\[(<\])-]*")
 _JOINT = re.compile(r"[\s,;|\[(]*(?:-+>|<-+|=+>|<=+|[→⇒←⇐/<>])?[\s,;:|\[(]*$")
 """What may stand between two frames of one line, apart from a word."""
@@ -219,7 +225,8 @@ def read_marked(lines: list[str]) -> FormContent:
             continue
         marked = _marked(line, number)
         if marked:
-            entries += (entry for entry in marked if entry.data is not None or entry.decimal is not None)
+            if not (entries and entries[-1].data == marked[-1].data and _COMPLAINT.search(line)):
+                entries += (entry for entry in marked if entry.data is not None or entry.decimal is not None)
             open_line = number
             known.add(number)
         elif open_line == number - 1 and entries and (more := split_octets(line)) and not more.before.strip():
@@ -244,8 +251,10 @@ def _directed(plain: str, number: int) -> list[LogEntry]:
     """Return the entries of a line whose time is blank."""
     found = split_octets(plain)
     if found is None and (single := _SINGLE.search(plain)) is not None:
-        word, sent, from_client = direction_of(plain[: single.start()])
-        if word is not None and (word.re is not _WORD or _SEPARATORS.fullmatch(plain[word.end() : single.start()])):
+        before = plain[: single.start(1)].removesuffix("0x").removesuffix("\\x")
+        word, sent, from_client = direction_of(before)
+        is_near = word is not None and (word.re is not _WORD or _SIZE.fullmatch(before[word.end() :]))
+        if word is not None and word.re is not _COMPLAINT and is_near:
             return [LogEntry(number, bytes.fromhex(single[1]), sent, from_client)]
     if found is not None and (exchange := _exchange(found, number)):
         return exchange
@@ -256,6 +265,8 @@ def _directed(plain: str, number: int) -> list[LogEntry]:
     if found is None:
         # "recv: " without bytes
         return [LogEntry(number, None)] if _NOTHING.fullmatch(plain[word.end() :].strip()) else []
+    if word.re is _COMPLAINT and len(found.data or found.decimal or b"") < _SHORTEST:
+        return []  # of a message: "failed! 8011!=FFFF"
     return [LogEntry(number, found.data, sent, from_client, None, found.decimal)]
 
 
@@ -299,6 +310,11 @@ def _opposite(direction: bool | None) -> bool | None:
     return None if direction is None else not direction
 
 
+def has_direction(before: str) -> bool:
+    """Return whether a word before some bytes states their direction."""
+    return _WORD.search(before) is not None
+
+
 @lru_cache(1024)
 def direction_of(before: str) -> tuple[re.Match[str] | None, bool | None, bool | None]:
     """Return the word or mark that states the direction, whether the recorder sent, whether the client did."""
@@ -309,6 +325,8 @@ def direction_of(before: str) -> tuple[re.Match[str] | None, bool | None, bool |
             continue
         word = matching[0]
         is_first = word.lastgroup == yes
+        if yes == "asker" and not _NAMED.fullmatch(before[word.end() : word.end() + _LONGEST_SIZE]):
+            continue  # the name of a program, as ModbusTcp.Client
         if yes in ("asked", "asker"):
             return word, None, is_first
         if yes == "out" and not _SIZE.fullmatch(before[word.end() : word.end() + _LONGEST_SIZE]):
@@ -316,7 +334,10 @@ def direction_of(before: str) -> tuple[re.Match[str] | None, bool | None, bool |
         return word, is_first, None
     plain = before.strip("[]()\t :-|,;")
     mark = _MARK.match(plain) or _LAST_MARK.search(before)
-    return (None, None, None) if mark is None else (mark, mark.lastgroup == "sent", None)
+    if mark is None:
+        complaint = None if words else _COMPLAINT.search(before)
+        return (None, None, None) if complaint is None else (complaint, False, None)
+    return mark, mark.lastgroup == "sent", None
 
 
 _BYTES = re.compile(

@@ -279,19 +279,24 @@ _FORMS = tuple(
     (needed, re.compile(form))
     for needed, form in (
         (":", rf"(?P<ascii>(?<!\w):(?:{_H}{{2}}){{3,}})(?:\\r\\n|\\r|\\n|<CR><LF>|\[CR\]\[LF\])?"),
-        ("xX", rf"(?P<list>(?<![\w])0[xX]{_H}{{1,2}}(?:[\s,;\-:]+0[xX]{_H}{{1,2}})*)"),
-        ("\\", rf"(?P<list>(?:\\x{_H}{{2}})+)"),
-        ("[", rf"(?P<list>(?:\[(?:0x)?{_H}{{2}}\]\s*)+)"),
-        ("<", rf"(?P<list>(?:<(?:0x)?{_H}{{2}}>\s*)+)"),
+        ("xX", rf"(?P<list>(?<![\w])0[xX]{_H}{{1,2}}(?:[\s,;\-:|'\"]+0[xX]{_H}{{1,2}})*)"),
+        ("\\", rf"(?P<list>(?:\\x?{_H}{{2}})+)(?!\w)"),
+        ("\\", r"(?P<octal>(?:\\[0-3][0-7]{2})+)"),
+        ("[", rf"(?P<list>(?:\[\s*(?:0[xX])?{_H}{{2}}\s*\]\s*)+)"),
+        ("<", rf"(?P<list>(?:<\s*(?:0[xX])?{_H}{{2}}\s*>\s*)+)"),
+        ("([<", r"(?P<decimal>(?:[\[<(]\s*[0-2]\d\d\s*[\])>]\s*)+)"),
         ("hH", rf"(?P<list>(?<![\w]){_H}{{2}}[hH](?:[\s,]+{_H}{{2}}[hH])*)"),
         ("", rf"(?P<list>(?<!\w)(?<!\d[\-:,|]){_H}{{1,2}}(?:\s+{_H}{{1,2}}){{1,}})"),
         ("-", rf"(?P<list>(?<!\w)(?<!\d-){_H}{{1,2}}(?:-{_H}{{1,2}}){{1,}})"),
+        ("-", r"(?P<decimal>(?<![\w-])\d{1,3}(?:-\d{1,3}){3,})"),
         (":", rf"(?P<list>(?<!\w)(?<!\d:){_H}{{2}}(?::{_H}{{2}}){{1,}})"),
+        (".", rf"(?P<list>(?<![\w.]){_H}{{2}}(?:\.{_H}{{2}}){{4,}})(?![.\w])"),
+        ("|", rf"(?P<list>(?<![\w|]){_H}{{2}}(?:\|{_H}{{2}}){{3,}})(?![|\w])"),
         (",", rf"(?P<list>(?<!\w)(?<!\d,){_H}{{1,2}}(?:,\s*{_H}{{1,2}}){{1,}})"),
-        (",", r"(?P<decimal>(?<![\w,])\d{1,3}(?:,\s*\d{1,3}){1,})"),
+        (",", r"(?P<decimal>(?<![\w,])-?\d{1,3}(?:,\s*-?\d{1,3}){1,})"),
         ("", r"(?P<decimal>(?<![\w,])\d{1,3}(?:\s+\d{1,3}){1,})"),
         ("", rf"(?P<list>(?<![\w]){_H}{{4}}(?:\s+{_H}{{4}})*(?:\s+{_H}{{2}})?)"),
-        ("", rf"(?P<list>(?<![\w])(?:{_H}{{2}}){{4,}})"),
+        ("", rf"(?P<list>(?<![\w])(?:0[xX])?(?:{_H}{{2}}){{4,}})"),
     )
 )
 """Each with characters one of which it needs, if there are such: most lines are not searched for most forms."""
@@ -301,7 +306,25 @@ _AT_THE_END = f"0123456789abcdefABCDEF{_BLANKS}xXhHrnRLyts\\[](){{}}<>:,;.|'\"-"
 _PAIRS = re.compile(rf"(?P<mark>[xXrRtTsSnL]{{0,3}}[:>\])-]{{0,3}} {{1,20}})?(?P<bytes>{_H}{{2}}(?: {_H}{{2}})+)\s*")
 """The notation of nearly all logs, behind the end of a word: no other form reads more of it."""
 _REMARKS = frozenset("<←/#;(")
-_LITERAL = re.compile(r"""(?<!\w)b(?P<string>'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""")
+_LITERALS = tuple(
+    re.compile(rf"""(?<![\w\\]){prefix}(?P<string>'(?:[^'\\]|\\.)*'|"(?:[^"\\]|\\.)*")""") for prefix in ("b", "")
+)
+_ESCAPED = re.compile(rf"\\(?:x{_H}{{2}}|[0-3][0-7]{{2}})")
+_INSIDE = (
+    re.compile(rf"(?<![\w.:-])(?P<list>{_H}{{2}}(?: {{1,2}}{_H}{{2}}){{3,}})(?![\w-])"),
+    re.compile(rf"(?<![\w.:-])(?P<list>{_H}{{2}}(?:(?P<by>[.:,-]){_H}{{2}})(?:(?P=by){_H}{{2}}){{3,}})(?![\w.:-])"),
+    re.compile(rf"(?<!\w)(?P<list>0[xX]{_H}{{1,2}}(?:[\s,;|'\"-]{{1,3}}0[xX]{_H}{{1,2}}){{3,}})(?!\w)"),
+    re.compile(rf"(?P<list>(?:[\[<]\s?{_H}{{2}}\s?[\]>]\s?){{4,}})"),
+    re.compile(rf"(?P<list>(?:\\x{_H}{{2}}){{4,}})"),
+)
+"""Rows of bytes that are told from other words without the end of the line."""
+_LEAST_INSIDE, _LONGEST_INSIDE = 4, 2000
+_MAC = 17
+"""Characters of the address of a network card, 02:42:ac:11:00:02."""
+_CUT = re.compile(r"(?<![.\w])\.\.\.(?!\.)[\s'\")\]>}]*$|…|\d+ more bytes?")
+"""What a program prints in place of the bytes that it leaves out."""
+_OPENER = re.compile(r"(?:\{?\s*\"type\"\s*:\s*\"Buffer\"\s*,\s*\"data\"\s*:\s*|<?Buffer|bytearray\(b?|bytes\(|\bb)?[\s\"'({\[]*$")
+"""What a language prints before the bytes: no part of the text that states their direction."""
 _COUNT = re.compile(r"(?<=\W)(?P<opened>[(\[]?)(?P<count>\d{1,4}) ?bytes?[)\]]?\s*$", re.IGNORECASE)
 """A count without brackets could be a byte, too: it has to be right."""
 _TOKEN = re.compile(rf"(?:0[xX]|\\x)?({_H}+)")
@@ -323,21 +346,50 @@ def split_octets(line: str) -> Octets | None:
     >>> split_octets("TX: 1, 3, 0, 22, 0, 2, 37, 207").decimal.hex(" "), split_octets("nothing at all")
     ('01 03 00 16 00 02 25 cf', None)
     """
-    if ("yte" in line or "YTE" in line) and (found := _COUNT.search(line)):
-        octets = _split(line[: found.start()])
-        is_right = octets is not None and int(found["count"]) in map(len, filter(None, octets[1:]))
-        return octets if is_right or found["opened"] else None
-    octets = _split(line)
+    counted = "yte" in line or "YTE" in line
+    octets = _counted(line) if counted else None
+    if octets is None:
+        octets = _split(line)
     if octets is None and not _REMARKS.isdisjoint(line) and (plain := without_remark(line)) != line:
-        return _split(plain)
-    return octets
+        octets = _split(plain)
+    has_count = counted and _COUNT.search(line) is not None
+    if _size(octets) < _LEAST_INSIDE and not has_count and _size(inside := _inside(line)) > _size(octets):
+        octets = inside
+    if octets is None or (_CUT.search(line, len(octets.before)) and _size(octets) != 3):
+        return None
+    opener = _OPENER.search(octets.before)
+    return octets if opener is None else octets._replace(before=octets.before[: opener.start()])
+
+
+def _size(octets: Octets | None) -> int:
+    return 0 if octets is None else len(octets.data or octets.decimal or b"")
+
+
+def _counted(line: str) -> Octets | None:
+    """Return the bytes before a count that ends the line: `(8 bytes)`, or a count without brackets that is theirs."""
+    found = _COUNT.search(line)
+    octets = None if found is None else _split(line[: found.start()])
+    if found is None or octets is None:
+        return None
+    is_right = int(found["count"]) in map(len, filter(None, octets[1:]))
+    return octets if is_right or found["opened"] else None
+
+
+def _inside(line: str) -> Octets | None:
+    """Return the bytes with other text behind them, as `<Buffer 01 03 ...>, unit: 1 }`; None if there are none, or
+    several rows of them. Joined digits and decimal numbers count only at the end: inside they are names and values."""
+    rows = [] if len(line) > _LONGEST_INSIDE else [found for form in _INSIDE for found in form.finditer(line)]
+    if len(rows) != 1 or (":" in rows[0][0] and len(rows[0][0]) == _MAC):
+        return None
+    return _of_form(line, rows[0])
 
 
 def _split(line: str) -> Octets | None:
     """Split a line that has nothing but punctuation, or a count in brackets, behind its bytes."""
-    literal = _last_match(_LITERAL, line) if "'" in line or '"' in line else None
-    if literal is not None and _END.match(line, literal.end()):
-        return _of_literal(line, literal)
+    for form in _LITERALS if "'" in line or '"' in line else ():
+        literal = _last_match(form, line)
+        if literal is not None and _END.match(line, literal.end()) and (form is _LITERALS[0] or _ESCAPED.search(literal[0])):
+            return _of_literal(line, literal)
     best: re.Match[str] | None = None
     start = len(line.rstrip(_AT_THE_END))
     end = line[start:]
@@ -348,7 +400,7 @@ def _split(line: str) -> Octets | None:
         is_hex = not digits.replace(" ", "").isdecimal()
         return Octets(before, data, None if is_hex else _decimal(digits.split(), digits))
     for needed, form in _FORMS:
-        if needed and needed[0] not in end and needed[-1] not in end:
+        if needed and not any(character in end for character in needed):
             continue
         found = _last_match(form, line, start)
         if found is not None and _END.match(line, found.end()) and (best is None or found.start() < best.start()):
@@ -367,11 +419,13 @@ def _last_match(form: re.Pattern[str], line: str, start: int = 0) -> re.Match[st
 def _of_form(line: str, found: re.Match[str]) -> Octets | None:
     """Return the bytes of a match of one of the forms."""
     before = line[: found.start()]
-    kind, text = next((kind, text) for kind, text in found.groupdict().items() if text is not None)
+    kind, text = next((kind, text) for kind, text in found.groupdict().items() if text is not None and kind != "by")
     if kind == "ascii":
         return Octets(before, text.encode() + b"\r\n")
+    if kind == "octal":
+        return Octets(before, bytes(int(digits, 8) for digits in text.split("\\")[1:]))
     tokens = [token[1] for token in _TOKEN.finditer(text)]
-    decimal = _decimal(tokens, text)
+    decimal = _decimal(text.split(",") if "-" in text and "," in text else tokens, text)
     if kind == "decimal":
         return None if decimal is None else Octets(before, None, decimal)
     return Octets(before, b"".join(bytes.fromhex(token.rjust(2, "0")) for token in tokens), decimal)
@@ -391,8 +445,9 @@ def _of_literal(line: str, found: re.Match[str]) -> Octets | None:
 
 def _decimal(tokens: list[str], text: str) -> bytes | None:
     """Return the bytes of decimal numbers; None if a token shows that they are hexadecimal."""
-    if "x" in text.lower() or not all(token.isdecimal() for token in tokens):
+    digits = [token.strip().removeprefix("-") for token in tokens]
+    if "x" in text.lower() or not all(token.isdecimal() for token in digits):
         return None
-    if any(len(token) > 3 or (len(token) == 2 and token[0] == "0") or int(token) > 255 for token in tokens):
+    if any(len(token) > 3 or (len(token) == 2 and token[0] == "0") or int(token) > 255 for token in digits):
         return None
-    return bytes(map(int, tokens))
+    return bytes(int(token) & 0xFF for token in tokens)

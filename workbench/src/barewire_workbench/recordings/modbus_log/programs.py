@@ -60,7 +60,7 @@ from itertools import zip_longest
 from barewire.errors import DecodeError
 from barewire_workbench.frames.input import parse_string_literal
 from barewire_workbench.frames.result import counted
-from barewire_workbench.recordings.modbus_log.marked import frame_pdu
+from barewire_workbench.recordings.modbus_log.marked import frame_pdu, has_direction
 from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry, Stamp
 from barewire_workbench.recordings.modbus_log.octets import find_stamp, stamp_in
 
@@ -70,9 +70,6 @@ _PYMODBUS_WORD_ENDS = ("end:", "ecv:", "END:", "ECV:")
 _PYMODBUS_BYTES = re.compile(rf"\s*(?P<bytes>{_HEX_BYTES})(?:old_data:.*|extra data:.*|addr=.*|unexpected data:.*)?$")
 """What stands behind a word, up to the next one."""
 _PYMODBUS_PROCESSING = re.compile(rf"(?<![\w'\"])(?:Processing|Handling data):\s*(?P<bytes>{_HEX_BYTES})$")
-_PYMODBUS_SILENT = re.compile(
-    r"No response received after|No Response received from the remote|\[Input/Output\] No Response"
-)
 _PYMODBUS_OTHER = re.compile(
     r"Processing:|Getting [Ff]rame|Frame (?:check|advanced|- \[)|[Rr]esetting (?:[Ff]rame|header)|"
     r"Current transaction state|Running transaction|[Tt]ransaction state|Factory Re|decoded PDU|"
@@ -105,7 +102,6 @@ class _PymodbusLog:
         self.logged: list[LogEntry] = []
         self.processed: list[LogEntry] = []
         self.repeated: list[LogEntry] = []
-        self.silent: list[LogEntry] = []
         self.known: set[int] = set()
         self.unreadable: set[int] = set()
 
@@ -126,7 +122,7 @@ class _PymodbusLog:
                 entries.append(LogEntry(number, data, is_sent, stamp=stamp))
 
     def add_other(self, number: int, line: str) -> None:
-        """Take any other line: one that shows what was received so far, or that nothing was."""
+        """Take any other line: some show what was received so far."""
         is_processed = "Processing:" in line or "Handling data:" in line
         if is_processed and (found := _PYMODBUS_PROCESSING.search(line)) and found["bytes"]:
             data = bytes(int(token, 16) for token in found["bytes"].split())
@@ -134,10 +130,6 @@ class _PymodbusLog:
             if before and len(data) > len(before) and data.startswith(before):
                 self.processed.pop()  # the same bytes, and more
             self.processed.append(LogEntry(number, data, False, False, stamp_in(line[: found.start()])))
-        elif "esponse" in line and _PYMODBUS_SILENT.search(line):
-            last = self.logged[-1] if self.logged else None
-            if last is None or last.sent or not last.data:  # otherwise bytes came, which it could not decode
-                self.silent.append(LogEntry(number, b"", False, False, stamp_in(line)))
         elif not _PYMODBUS_OTHER.search(line):
             return
         self.known.add(number)
@@ -150,8 +142,7 @@ class _PymodbusLog:
         if kind is None:
             return FormContent([], set())
         notes = _not_counted(self.repeated, kinds[kind]) if kind != "repeated" else ()
-        entries = sorted([*kinds[kind], *self.silent], key=lambda entry: entry.line)
-        return FormContent(entries, self.known, notes, self.unreadable, kind)
+        return FormContent(kinds[kind], self.known, notes, self.unreadable, kind)
 
 
 def _not_counted(repeated: list[LogEntry], entries: list[LogEntry]) -> tuple[tuple[int, str], ...]:
@@ -163,15 +154,14 @@ def _not_counted(repeated: list[LogEntry], entries: list[LogEntry]) -> tuple[tup
     return ((left[0].line, f"{counted(len(left), 'frame')} below an error, not in the log above: left out"),)
 
 
-_LIBMODBUS_SENT = re.compile(r"(?:\[[0-9A-F]{2}\]){2,}")
-_LIBMODBUS_RECEIVED = re.compile(r"(?:<[0-9A-F]{2}>)+")
-_NO_BRACKETS = str.maketrans("", "", "[]<>")
+_LIBMODBUS_SENT = re.compile(r"(?:\[ ?[0-9A-Fa-f]{2} ?\] ?){2,}")
+_LIBMODBUS_RECEIVED = re.compile(r"(?:< ?[0-9A-Fa-f]{2} ?> ?)+")
+_NO_BRACKETS = str.maketrans("", "", "[]<> ")
 _LIBMODBUS_WAITS = {
     "Waiting for a confirmation": True,
     "Waiting for an indication": False,
     "Waiting for a indication": False,
 }
-_LIBMODBUS_SILENT = re.compile(r"ERROR Connection timed out|ERROR .*timed out: select")
 _LIBMODBUS_OTHER = re.compile(
     r"Waiting for an? (?:confirmation|indication)|ERROR |Opening |[Bb]ytes flushed|Connect|Client connection|"
     r"Request for slave|Sending request using RTS|Reconnect|Quit|Waiting for"
@@ -193,6 +183,8 @@ def read_libmodbus(lines: list[str], decided: object = None) -> FormContent:
         )
         if rows:
             rows.sort(key=re.Match.start)
+            if has_direction(line[: rows[0].start()]):
+                continue  # of another program, which has both directions in the same brackets
             stamp = stamp_in(line[: rows[0].start()])
             for row in rows:
                 data = bytes.fromhex(row[0].translate(_NO_BRACKETS))
@@ -201,8 +193,6 @@ def read_libmodbus(lines: list[str], decided: object = None) -> FormContent:
             continue
         if "Waiting for a" in line:
             client = next((is_client for text, is_client in _LIBMODBUS_WAITS.items() if text in line), client)
-        if _LIBMODBUS_SILENT.search(line):
-            entries.append(LogEntry(number, b"", False))
         if _LIBMODBUS_OTHER.search(line):
             known.add(number)
     if not any(entry.data for entry in entries) and decided is None:

@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Container, Iterable, Iterator
-from itertools import chain
+from itertools import chain, zip_longest
 from math import inf
 
 from barewire.errors import DecodeError
@@ -184,6 +184,12 @@ _LINES_MAX = 20
 """The most lines of one frame."""
 UNREADABLE = "the bytes in this line cannot be read"
 """Why a line is unread that looks as if it held bytes of a frame."""
+_SILENT = re.compile(
+    r"(?i)\btime[ds]?[ -]?out(?!\w| ?(?:setting|to |of |[=:(]*\s*\d))|\bno (?:\w+ ){0,2}(?:response|answer|reply)\b|"
+    r"(?:received|got|read) 0\b|\b0 (?:bytes )?(?:received|read)\b|(?:not|n't) (?:respond|answer)|TimedOut|ETIMEDOUT|"
+    r"stop waiting for|TimeoutE|nothing (?:was )?received"
+)
+"""What a program says that waited in vain."""
 _LOOKS_LIKE_BYTES = re.compile(
     r"(?:\b(?:0[xX])?[0-9A-Fa-f]{2}\b[\s,;|:-]?){4}|(?:\b0[xX][0-9A-Fa-f]{1,2}\b[\s,;|:-]?){2}"
 )
@@ -397,9 +403,31 @@ class _LogReader:
             else:
                 left.append(number)
         entries.sort(key=lambda entry: entry.line)
+        entries = list(self._with_silences(entries, lines))
         log = self._assembled(form, entries, [(number, lines[number - 1]) for number in left])
         notes = tuple(f"line {self._offset + number}: {text}" for number, text in content.notes)
         return log._replace(notes=notes + log.notes)
+
+    def _with_silences(self, entries: list[LogEntry], lines: list[str]) -> Iterator[LogEntry]:
+        """Yield the entries, and one without bytes where the program says that it waits for an answer no more.
+
+        If received bytes follow that are no frame, they are a part of that answer: they were printed too late.
+        """
+        before = [] if self._before is None else [self._before._replace(line=0)]
+        for place, (entry, following) in enumerate(zip_longest([*before, *entries], [*before, *entries][1:])):
+            is_part = following is not None and _is_part(following)
+            if entry.data == b"" and is_part:
+                continue
+            if place >= len(before):
+                yield entry
+            if entry.sent is False or entry.from_client is False or is_part:
+                continue
+            end = len(lines) if following is None else following.line - 1
+            for number, line in enumerate(lines[entry.line : end], start=entry.line + 1):
+                if len(line) <= _LONGEST_LINE and _SILENT.search(line):
+                    stamp = find_stamp(line)
+                    yield LogEntry(number, b"", False, None, stamp and stamp[0], b"", entry.connection)
+                    break
 
     def _assembled(self, form: str, entries: list[LogEntry], left: list[tuple[int, str]]) -> ModbusLog:
         """Return the log of these entries; `left` are the lines that no form knows.
@@ -507,6 +535,13 @@ class _LogReader:
         log = self._assembled("bytes", entries, left)
         self._is_prefixed = True
         return log
+
+
+def _is_part(entry: LogEntry) -> bool:
+    """Return whether an entry has received bytes that are no frame."""
+    if not entry.data or (entry.sent is not False and entry.from_client is not False):
+        return False
+    return all(frame_pdu(name, entry.data) is None for name in PROTOCOLS)
 
 
 def _bounded(line: str) -> str:
