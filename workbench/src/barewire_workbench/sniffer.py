@@ -287,6 +287,8 @@ class Sniffer:
         if unit == BROADCAST:
             return [*self._give_up(now), RequestSeen(unit, pdu, now, readable(decode_request, pdu))]
         asked = self._open
+        if self._from_client is False and not response and asked is not None and readable(decode_request, pdu) is None:
+            request, response = False, True  # of a server: what has the length of a request, and is none
         if response and asked is not None and now <= asked.at + self._window and answers(asked, unit, pdu):
             return self._answer(ResponseSeen(unit, pdu, now, readable(decode_response, pdu), asked), asked)
         events = self._settle_answer()

@@ -21,6 +21,7 @@ from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.registry import request_class
 from barewire_workbench.diagnosis.can_log import PROVES
 from barewire_workbench.diagnosis.exchange import (
+    diagnose_exchange,
     exchange_findings,
     frame_of,
     lost_end,
@@ -28,7 +29,7 @@ from barewire_workbench.diagnosis.exchange import (
     shown_digits,
 )
 from barewire_workbench.diagnosis.modbus_counts import LineCounts
-from barewire_workbench.diagnosis.modbus_pieces import Examiner, Piece, TrackedLine
+from barewire_workbench.diagnosis.modbus_pieces import WEAK, Examiner, Piece, TrackedLine
 from barewire_workbench.diagnosis.verdict import (
     FindingCounts,
     LineVerdict,
@@ -227,7 +228,8 @@ class LineDiagnosis:
         self.counts.noise_bytes += len(noise.data)
         answered = role == "response" and self._asked is not None and after is not None and self._beside(noise, after)
         is_burst = answered or len(set(noise.data)) == 1  # one level that stays, read as the same byte again and again
-        if len(noise.data) > (_BURST if is_burst else _STRAY) or self.protocol == "tcp":
+        is_long = len(noise.data) > (_BURST if is_burst else _STRAY)
+        if is_long or self.protocol == "tcp" or self._begins_answer(noise):
             yield from self._damaged(noise)
         elif after is not None and after.adu is not None and self._beside(noise, after):
             self.counts.longest_noise = max(self.counts.longest_noise, len(noise.data))
@@ -244,6 +246,15 @@ class LineDiagnosis:
             text = f"{counted(len(noise.data))} without a frame"
             yield Located(0, Finding("no-frame", text, shown_digits(noise.data)), noise.end, noise.line)
 
+    def _begins_answer(self, noise: Piece) -> bool:
+        """Return whether noise begins with the unit and the function that were asked."""
+        asked = self._asked.adu if self._asked is not None and noise.from_client is not True else None
+        head = noise.data[:2]
+        return asked is not None and head in (
+            bytes((asked.unit, asked.pdu[0])),
+            bytes((asked.unit, asked.pdu[0] | EXCEPTION_BIT)),
+        )
+
     def _beside(self, noise: Piece, frame: Piece) -> bool:
         return frame.joined or (self._timed and frame.start - noise.end <= _BESIDE)
 
@@ -255,7 +266,7 @@ class LineDiagnosis:
 
     def _damaged(self, noise: Piece) -> Iterator[Located]:
         """Diagnose bytes that should be a frame: the response to the open request, or anything."""
-        counts, asked = self.counts, self._asked
+        counts, asked, begins = self.counts, self._asked, False
         counts.bursts += 1
         unit = 0
         role: FrameRole | None = None
@@ -268,16 +279,22 @@ class LineDiagnosis:
             size = response_size(asked.adu.pdu)
             # In ASCII a byte has two characters, the LRC takes the place of the CRC, and ':' CR LF are around it.
             longest = 0 if size is None else size + 4 if self.protocol != "ascii" else 2 * size + 9
-            counts.unit(unit).too_long += size is not None and len(noise.data) > longest
-            if (
-                self.protocol == "rtu"
-                and (lost := lost_end(noise.data, asked.adu.unit, asked.adu.pdu, size)) is not None
-            ):
-                counts.first_lost += lost.text.startswith("the first")
-                counts.last_lost += lost.text.startswith("the last")
-                yield Located(unit, lost, noise.end, noise.line)
-                return
+            begins = self._begins_answer(noise) or self.protocol == "ascii"
+            counts.unit(unit).too_long += size is not None and len(noise.data) > longest and begins
+            if self.protocol == "rtu":
+                if (lost := lost_end(noise.data, unit, asked.adu.pdu, size)) is not None:
+                    counts.first_lost += lost.text.startswith("the first")
+                    counts.last_lost += lost.text.startswith("the last")
+                    yield Located(unit, lost, noise.end, noise.line)
+                    return
+                for finding in diagnose_exchange("rtu", frame_of("rtu", None, unit, asked.adu.pdu), noise.data)[:1]:
+                    counts.codes[finding.code] += 1
+                    counts.kinds[finding.code] += 1
+                    yield Located(unit, finding, noise.end, noise.line)
+                    return
         findings = self._examiner.findings(noise.data, role, good=counts.frames >= PROVES)
+        if unit and findings and findings[0].code in WEAK and not begins:
+            findings = []  # what is no answer to this request may look like the beginning of any
         if findings:
             counts.kinds[findings[0].code] += 1
             counts.codes.update({finding.code for finding in findings})
@@ -406,6 +423,8 @@ class LineDiagnosis:
                 return
             unit.late += 1
             yield self._late(event, f"{event.at - late.at:.3f} s after its request, which was given up")
+        elif before is not None and before.request is not None and before.request.pdu == event.pdu:
+            self.unsettled.open[f"second response of unit {event.unit} to a write, equal to it: an echo, or two units"] += 1
         elif before is not None and self._is_second(before, event):
             unit.twice += 1
             text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
@@ -519,6 +538,18 @@ class LineDiagnosis:
             return
         if (request.unit, request.at) in self._spoiled or self._listens(request):
             return
+        if isinstance(following, RequestSeen) and self._before is not None and request.transaction is None:
+            is_same = (following.unit, following.pdu) == (request.unit, request.pdu)
+            if is_same and not self._timed and self._before.from_client is None:
+                self.unsettled.open[f"request to unit {request.unit} twice: repeated, or its own echo"] += 1
+                unit.requests -= 1
+                return
+            if self._before.from_client is False and not is_same:
+                unit.missing += 1
+                text = f"the client received a request of unit {following.unit} where a response was due"
+                proof = f"{explain_pdu(following.pdu, 'request').summary}: another master, or its late echo"
+                yield self._located(following, Finding("role", text, proof))
+                return
         is_next_request = request.transaction is None and not isinstance(following, ResponseSeen)
         if is_next_request and self._timed and 0 < event.at - request.at < _NO_TIME_OUT:
             self._overlap = Overlap(event, line)
@@ -623,6 +654,9 @@ class ModbusLogDiagnosis:
                 self._unreadable += 1
             elif LEFT_OUT in item.why:
                 self._left_out.append(item.why)
+        for tracked in chain.from_iterable(self._tracked.values()):
+            if self.log.form != "capture":  # whose end may be in the middle of a frame
+                tracked.end()
         yield from self._taken(self._sniffers.end())
         for diagnosis in self.lines.values():
             yield from diagnosis.flush()

@@ -24,6 +24,7 @@ from barewire_workbench.diagnosis.rtu import RTU_TRIALS, diagnose_rtu, first_fin
 from barewire_workbench.diagnosis.tcp import diagnose_tcp
 from barewire_workbench.frames.findings import Finding
 from barewire_workbench.frames.result import FrameRole, ProtocolName
+from barewire_workbench.recordings.modbus_replay import RecordedTcpLine
 from barewire_workbench.sniffer import HeardLine
 
 _KEPT = 4096
@@ -82,6 +83,12 @@ class TrackedLine:
             self._keep(event)
         return events
 
+    def end(self) -> None:
+        """Keep the held bytes of a TCP connection as noise: the recording ends, and their frame does not."""
+        if isinstance(self.line, RecordedTcpLine):
+            for event in self.line.end():
+                self._keep(event)
+
     def _keep(self, event: Adu | Noise) -> None:
         """Keep a frame as one piece; noise as a piece for each chunk, since damaged frames are recorded one by one."""
         if isinstance(event, Noise):
@@ -129,8 +136,8 @@ _LONGEST = 300
 _QUICK = tuple(trials for trials in RTU_TRIALS if misread not in trials)
 _DOUBTFUL = frozenset({"baud-rate", "inverted"})
 """Codes of other readings of the line. Most pieces decide which one is right."""
-_WEAK = "cut-frame"
-"""The code whose only proof is a length; another reading of the line is tried first."""
+WEAK = frozenset({"cut-frame", "crc-missing"})
+"""Codes without a checksum as their proof."""
 _FRAMINGS = {"rtu": diagnose_rtu, "ascii": diagnose_ascii, "tcp": diagnose_tcp}
 
 
@@ -168,7 +175,7 @@ class Examiner:
         if self._protocol != "rtu":
             return _FRAMINGS[self._protocol](data, role)  # these are cheap
         found = first_findings(_QUICK, data, role) or first_findings(_QUICK, data, None)
-        if (found and found[0].code != _WEAK) or self._thorough >= limit:
+        if (found and found[0].code != "cut-frame") or self._thorough >= limit:
             return found
         self._thorough += 1
         found = diagnose_rtu(data, role) or (diagnose_rtu(data) if role is not None else [])

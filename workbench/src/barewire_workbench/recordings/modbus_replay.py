@@ -52,12 +52,12 @@ class RecordedTcpLine(TcpLine):
         if not data:
             return []
         events: list[Adu | Noise] = []
-        held = self._held
-        if held and self._measure(held[7:]) == len(held) - 7 > 0 and self._begins_frame(data):
-            # The message is whole, and the length in its header says that more follows.
-            text = f"length {int.from_bytes(held[4:6], 'big')} promises more than the {len(held) - PREFIX} bytes here"
-            events.append(Noise(held, "length", text))
-            self._held = b""
+        if self._held and self._begins_frame(data):
+            events += self.end()
+        if not self._held and data[2:4] == b"\0\0" and self._measure(data[7:]) == len(data) - 7 > 0:
+            if (length := int.from_bytes(data[4:6], "big")) != len(data) - PREFIX:
+                text = f"length {length}, and the whole message has {len(data) - PREFIX} bytes"
+                return [*events, Noise(data, "length", text)]
         events += super().feed(data, now)
         while self.broken is not None:
             noise = events.pop()
@@ -68,6 +68,12 @@ class RecordedTcpLine(TcpLine):
             events.append(Noise(noise.data[:at], noise.reason, noise.text))
             events += super().feed(noise.data[at:], now)
         return events
+
+    def end(self) -> list[Adu | Noise]:
+        """Return the held bytes as noise: no more of their frame will come."""
+        held, self._held = self._held, b""
+        text = f"length {int.from_bytes(held[4:6], 'big')} promises more than the {len(held) - PREFIX} bytes here"
+        return [Noise(held, "length", text)] if held else []
 
     def _begins_frame(self, data: bytes) -> bool:
         """Return whether the bytes begin with a header and a PDU of a known function with that length."""

@@ -99,12 +99,15 @@ def _has_its_length(pdu: bytes) -> bool:
 
 
 def common_protocol(pieces: Sequence[bytes]) -> ProtocolName | None:
-    """Return the protocol of most pieces; None if no piece is a frame."""
+    """Return the protocol of the first frames: what a client asks in decides, whatever the answers are in. None if no
+    piece is a frame."""
     counts = frames_by_protocol(pieces)
-    best = max(counts, key=lambda protocol: counts[protocol])
-    if best == "tcp" and _RARE * counts[best] < len(pieces):
-        return None  # frames of another protocol in pieces, one of which looks like a header of TCP
-    return best if counts[best] else None
+    # Some pieces look like a header of TCP by accident, and registers with text may be characters of ASCII.
+    likely = [protocol for protocol in PROTOCOLS if counts[protocol] and _RARE * counts[protocol] >= len(pieces)]
+    if not likely:
+        return next((protocol for protocol in ("rtu", "ascii") if counts[protocol]), None)
+    first = (protocol for data in pieces for protocol in likely if frames_by_protocol([data])[protocol])
+    return next(first) if len(likely) > 1 else likely[0]
 
 
 def is_decimal(entries: list[LogEntry]) -> bool:
@@ -199,6 +202,8 @@ _NUMBER = re.compile(r"(?i)(?<![A-Za-z])(?:tx|rx):\d{4,8}-")
 """Modbus Poll counts its frames: the number belongs to the word, not to the bytes."""
 _SINGLE = re.compile(r"(?:(?<![\w.])(?:0x|\\x)|[:=<>\]\[-]\s{0,9})([0-9A-Fa-f]{2})[\]>]?\s*$")
 """One byte alone: a part of a frame, as slow adapters deliver it. Without a mark it would be a number of bytes."""
+_ALONE = re.compile(r"(?P<before>.*\s)(?P<byte>[0-9A-Fa-f]{2})\s*")
+_OPENINGS_MAX = 100
 _COMPLAINT = re.compile(r"(?i)\bCRC\b|checksum|invalid|incomplete|unexpected|discard|garbage|malformed|corrupt")
 """A program says so of what it received. Many print the bytes for a second time."""
 _SEPARATORS = re.compile(r"[\s:=>#\[(<\])-]*")
@@ -219,11 +224,12 @@ def read_marked(lines: list[str]) -> FormContent:
     """
     entries: list[LogEntry] = []
     known: set[int] = set()
+    openings: set[str] = set()  # what stands before bytes
     open_line = 0  # the line that the next one may continue
     for number, line in enumerate(lines, start=1):
         if not line:
             continue
-        marked = _marked(line, number)
+        marked = _marked(line, number, openings)
         if marked:
             if not (entries and entries[-1].data == marked[-1].data and _COMPLAINT.search(line)):
                 entries += (entry for entry in marked if entry.data is not None or entry.decimal is not None)
@@ -240,16 +246,21 @@ def read_marked(lines: list[str]) -> FormContent:
     return FormContent(entries, known)
 
 
-def _marked(line: str, number: int) -> list[LogEntry]:
+def _marked(line: str, number: int, openings: set[str]) -> list[LogEntry]:
     """Return the entries of a line, one without bytes if the direction is all that it has; none for any other line."""
     plain, stamp = without_stamp(line)
     plain = _NUMBER.sub(lambda found: found[0][:2] + ":" + " " * (len(found[0]) - 3), plain)
-    return [entry._replace(stamp=stamp) for entry in _directed(plain, number)]
+    return [entry._replace(stamp=stamp) for entry in _directed(plain, number, openings)]
 
 
-def _directed(plain: str, number: int) -> list[LogEntry]:
-    """Return the entries of a line whose time is blank."""
+def _directed(plain: str, number: int, openings: set[str] | frozenset[str] = frozenset()) -> list[LogEntry]:
+    """Return the entries of a line whose time is blank. One byte alone needs a mark, or the opening of other bytes."""
     found = split_octets(plain)
+    if isinstance(openings, set) and found is not None and len(openings) < _OPENINGS_MAX:
+        openings.add(found.before.strip())
+    alone = _ALONE.fullmatch(plain) if found is None and openings else None
+    if alone is not None and alone["before"].strip() in openings:
+        plain = f"{alone['before']}0x{alone['byte']}"
     if found is None and (single := _SINGLE.search(plain)) is not None:
         before = plain[: single.start(1)].removesuffix("0x").removesuffix("\\x")
         word, sent, from_client = direction_of(before)

@@ -460,7 +460,9 @@ class _LogReader:
             from_client = entry.from_client
             if from_client is None and entry.sent is not None and client is not None:
                 from_client = entry.sent is client
-            is_more = before is not None and before.sent is False and entry.sent is False
+            is_more = before is not None and (
+                before.sent is entry.sent is False or before.from_client is entry.from_client is False
+            )
             at = self._now = clock.read(entry.stamp, offset + entry.line, step=not is_more)
             items.append(
                 LoggedBytes(at, entry.data or b"", offset + entry.line, from_client, protocol, entry.connection)
