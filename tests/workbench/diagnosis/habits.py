@@ -37,7 +37,7 @@ class Habit(NamedTuple):
 
     right: frozenset[Code]
     make: Callable[[Random, list[Exchange]], Iterator[Entry]]
-    framing: str = "rtu"
+    reads: bool = False
 
 
 def exchanges(dice: Random, count: int, *, reads: bool = False) -> list[Exchange]:
@@ -48,7 +48,9 @@ def exchanges(dice: Random, count: int, *, reads: bool = False) -> list[Exchange
         address, quantity = dice.choice((0, 16, 100, dice.randrange(5000))), dice.choice((1, 2, 2, 4, 10))
         place = address.to_bytes(2, "big")
         code = dice.choice((3, 3, 4) if reads else (3, 3, 4, 6, 16))
-        data = b"".join(dice.choice((0, dice.randrange(300), dice.randrange(0x10000))).to_bytes(2, "big") for _ in range(quantity))
+        data = b"".join(
+            dice.choice((0, dice.randrange(300), dice.randrange(0x10000))).to_bytes(2, "big") for _ in range(quantity)
+        )
         if code == 6:
             made.append(Exchange(unit, bytes((6,)) + place + data[:2], bytes((6,)) + place + data[:2]))
         elif code == 16:
@@ -60,7 +62,9 @@ def exchanges(dice: Random, count: int, *, reads: bool = False) -> list[Exchange
     return made
 
 
-def played(change: Callable[[Random, Exchange, bytes, bytes], list[tuple[float, bool, bytes]]], framing: str = "rtu") -> Callable[[Random, list[Exchange]], Iterator[Entry]]:
+def played(
+    change: Callable[[Random, Exchange, bytes, bytes], list[tuple[float, bool, bytes]]], framing: str = "rtu"
+) -> Callable[[Random, list[Exchange]], Iterator[Entry]]:
     """Return the cause that changes each exchange: `change` gets the frames of request and response."""
 
     def make(dice: Random, made: list[Exchange]) -> Iterator[Entry]:
@@ -100,7 +104,7 @@ def _crc(data: bytes) -> bytes:
 
 
 def _split(dice: Random, exchange: Exchange, asked: bytes, answered: bytes) -> list[tuple[float, bool, bytes]]:
-    at = dice.randrange(1, len(answered))
+    at = dice.randrange(2, len(answered) - 1)
     return [(0.0, True, asked), (0.05, False, answered[:at]), (0.06, False, answered[at:])]
 
 
@@ -132,55 +136,178 @@ RTU: dict[str, Habit] = {
     "good in pieces": Habit(frozenset({"nothing-wrong"}), played(_split)),
     "silence": Habit(SILENT, played(answer(lambda *_: None))),
     "baud rate": Habit(frozenset({"baud-rate", "disturbed", *SILENT}), played(heard(0, faster=2, slower=1))),
-    "baud rate, half as fast": Habit(frozenset({"baud-rate", "disturbed", *SILENT}), played(heard(0, faster=1, slower=2))),
+    "baud rate, half as fast": Habit(
+        frozenset({"baud-rate", "disturbed", *SILENT}), played(heard(0, faster=1, slower=2))
+    ),
     "inverted": Habit(frozenset({"inverted", "disturbed", *SILENT}), played(heard(0, inverted=True))),
-    "parity 8E1 read as 8N1": Habit(frozenset({"parity", "disturbed", "baud-rate", "no-frame"}), played(heard(1))),
-    "echo and response": Habit(frozenset({"echo"}), played(lambda d, e, asked, answered: [(0, True, asked), (0.01, False, asked), (0.06, False, answered)])),
-    "echo and response in one piece": Habit(frozenset({"echo", "two-frames"}), played(lambda d, e, asked, answered: [(0, True, asked), (0.05, False, asked + answered)])),
-    "echo alone": Habit(frozenset({"echo", *SILENT}), played(lambda d, e, asked, answered: [(0, True, asked), (0.01, False, asked)])),
-    "zero before": Habit(frozenset({"noise-before", "byte-extra", "no-bias"}), played(answer(lambda _, __, data: b"\0" + data))),
-    "FF before": Habit(frozenset({"noise-before", "byte-extra", "no-bias"}), played(answer(lambda _, __, data: b"\xff" + data))),
-    "zero behind": Habit(frozenset({"noise-after", "byte-extra", "no-bias", "disturbed"}), played(answer(lambda _, __, data: data + b"\0"))),
-    "zero before, cut": Habit(frozenset({"noise-before", "byte-extra", "no-bias", "cut-frame", "disturbed"}), played(answer(lambda _, __, data: b"\0" + data[:-1]))),
-    "first byte lost": Habit(frozenset({"byte-lost", "turnaround", "disturbed", "cut-frame"}), played(answer(lambda _, __, data: data[1:]))),
-    "last byte lost": Habit(frozenset({"byte-lost", "turnaround", "disturbed", "cut-frame"}), played(answer(lambda _, __, data: data[:-1]))),
-    "half an answer": Habit(frozenset({"cut-frame", "disturbed", "byte-lost"}), played(answer(lambda _, __, data: data[: len(data) // 2 + 1]))),
-    "a byte lost inside": Habit(frozenset({"byte-lost", "disturbed", "byte-count", "cut-frame"}), played(answer(lambda d, __, data: (lambda at: data[:at] + data[at + 1 :])(d.randrange(2, len(data) - 2))))),
-    "a bit changed": Habit(frozenset({"bit-flip", "disturbed", "byte-count"}), played(answer(lambda d, __, data: _flipped(data, d.randrange(3, len(data) - 2), d.randrange(8))))),
+    "echo and response": Habit(
+        frozenset({"echo"}),
+        played(lambda d, e, asked, answered: [(0, True, asked), (0.01, False, asked), (0.06, False, answered)]),
+        reads=True,
+    ),
+    "echo and response in one piece": Habit(
+        frozenset({"echo", "two-frames"}),
+        played(lambda d, e, asked, answered: [(0, True, asked), (0.05, False, asked + answered)]),
+        reads=True,
+    ),
+    "echo alone": Habit(
+        frozenset({"echo", *SILENT}),
+        played(lambda d, e, asked, answered: [(0, True, asked), (0.01, False, asked)]),
+        reads=True,
+    ),
+    "zero before": Habit(
+        frozenset({"noise-before", "byte-extra", "no-bias"}), played(answer(lambda _, __, data: b"\0" + data))
+    ),
+    "FF before": Habit(
+        frozenset({"noise-before", "byte-extra", "no-bias"}), played(answer(lambda _, __, data: b"\xff" + data))
+    ),
+    "zero behind": Habit(
+        frozenset({"noise-after", "byte-extra", "no-bias", "disturbed"}),
+        played(answer(lambda _, __, data: data + b"\0")),
+    ),
+    "zero before, cut": Habit(
+        frozenset({"noise-before", "byte-extra", "no-bias", "cut-frame", "disturbed"}),
+        played(answer(lambda _, __, data: b"\0" + data[:-1])),
+    ),
+    "first byte lost": Habit(
+        frozenset({"byte-lost", "turnaround", "disturbed", "cut-frame"}), played(answer(lambda _, __, data: data[1:]))
+    ),
+    "last byte lost": Habit(
+        frozenset({"byte-lost", "turnaround", "disturbed", "cut-frame"}), played(answer(lambda _, __, data: data[:-1]))
+    ),
+    "half an answer": Habit(
+        frozenset({"cut-frame", "disturbed", "byte-lost"}),
+        played(answer(lambda _, __, data: data[: len(data) // 2 + 1])),
+    ),
+    "a byte lost inside": Habit(
+        frozenset({"byte-lost", "disturbed", "byte-count", "cut-frame"}),
+        played(answer(lambda d, __, data: (lambda at: data[:at] + data[at + 1 :])(d.randrange(2, len(data) - 2)))),
+    ),
+    "a bit changed": Habit(
+        frozenset({"bit-flip", "disturbed", "byte-count"}),
+        played(answer(lambda d, __, data: _flipped(data, d.randrange(3, len(data) - 2), d.randrange(8)))),
+    ),
     "late": Habit(frozenset({"late-answer", *SILENT}), _late),
-    "answer of another unit": Habit(frozenset({"wrong-answer"}), played(answer(lambda _, e, __: rtu.encode(e.unit % 247 + 1, e.answered)))),
+    "answer of another unit": Habit(
+        frozenset({"wrong-answer"}), played(answer(lambda _, e, __: rtu.encode(e.unit % 247 + 1, e.answered)))
+    ),
     "exception 01": Habit(frozenset({"refused"}), played(answer(_exception(1)))),
     "exception 02": Habit(frozenset({"refused", "address-base"}), played(answer(_exception(2)))),
     "exception 04": Habit(frozenset({"refused"}), played(answer(_exception(4)))),
     "exception 06": Habit(frozenset({"refused"}), played(answer(_exception(6)))),
     "exception 0B": Habit(frozenset({"refused", *SILENT}), played(answer(_exception(11)))),
-    "exception without a CRC": Habit(frozenset({"crc-missing", "malformed", "disturbed"}), played(answer(lambda d, e, _: _exception(2)(d, e, b"")[:-2]))),
-    "CRC bytes exchanged": Habit(frozenset({"crc-swapped", "malformed"}), played(answer(lambda _, __, data: data[:-2] + data[:-3:-1]))),
+    "exception without a CRC": Habit(
+        frozenset({"crc-missing", "malformed", "disturbed"}),
+        played(answer(lambda d, e, _: _exception(2)(d, e, b"")[:-2])),
+    ),
+    "CRC bytes exchanged": Habit(
+        frozenset({"crc-swapped", "malformed"}), played(answer(lambda _, __, data: data[:-2] + data[:-3:-1]))
+    ),
     "no CRC": Habit(frozenset({"crc-missing", "malformed"}), played(answer(lambda _, __, data: data[:-2]))),
-    "another CRC": Habit(frozenset({"crc-kind", "malformed"}), played(answer(lambda _, __, data: data[:-2] + (crc16(data[:-2]) ^ 0xFFFF).to_bytes(2, "little")))),
-    "a device that speaks TCP": Habit(frozenset({"mbap-on-serial", "wrong-protocol"}), played(answer(lambda _, e, __: tcp.encode(e.unit, e.answered, 0)))),
-    "a device that speaks ASCII": Habit(frozenset({"ascii-on-rtu", "wrong-protocol"}), played(answer(lambda _, e, __: ascii.encode(e.unit, e.answered)))),
-    "a wrong byte count": Habit(frozenset({"byte-count", "malformed", "wrong-answer", "cut-frame", "two-frames", "noise-after", "disturbed"}), played(answer(lambda _, e, data: (lambda body: body + _crc(body))(bytes((e.unit, e.answered[0], e.answered[1] + 2)) + e.answered[2:]) if e.answered[0] in (3, 4) else data))),
-    "more registers than asked": Habit(frozenset({"wrong-answer", "malformed"}), played(answer(lambda _, e, data: rtu.encode(e.unit, bytes((e.answered[0], e.answered[1] + 2)) + e.answered[2:] + b"\0\0") if e.answered[0] in (3, 4) else data))),
-    "another function": Habit(frozenset({"wrong-answer"}), played(answer(lambda _, e, __: rtu.encode(e.unit, bytes((7 - e.answered[0] if e.answered[0] in (3, 4) else e.answered[0],)) + e.answered[1:])))),
-    "another master": Habit(frozenset({"two-masters", "role", "wrong-answer", *SILENT}), played(answer(lambda d, e, __: _other_request(d, e)))),
-    "broadcast": Habit(frozenset({"nothing-wrong"}), played(lambda d, e, asked, answered: [(0, True, rtu.encode(0, b"\x06\0\1\0\3"))])),
-    "noise in place of an answer": Habit(frozenset({"disturbed", *SILENT}), played(answer(lambda d, __, data: bytes(d.choice((0, 0xFF, d.randrange(256))) for _ in range(d.randint(2, 9)))))),
+    "another CRC": Habit(
+        frozenset({"crc-kind", "malformed"}),
+        played(answer(lambda _, __, data: data[:-2] + (crc16(data[:-2]) ^ 0xFFFF).to_bytes(2, "little"))),
+    ),
+    "a device that speaks TCP": Habit(
+        frozenset({"mbap-on-serial", "wrong-protocol"}),
+        played(answer(lambda _, e, __: tcp.encode(e.unit, e.answered, 0))),
+    ),
+    "a device that speaks ASCII": Habit(
+        frozenset({"ascii-on-rtu", "wrong-protocol"}), played(answer(lambda _, e, __: ascii.encode(e.unit, e.answered)))
+    ),
+    "a wrong byte count": Habit(
+        frozenset({"byte-count", "malformed", "wrong-answer", "cut-frame", "two-frames", "noise-after", "disturbed"}),
+        played(
+            answer(
+                lambda _, e, data: (
+                    (lambda body: body + _crc(body))(bytes((e.unit, e.answered[0], e.answered[1] + 2)) + e.answered[2:])
+                    if e.answered[0] in (3, 4)
+                    else data
+                )
+            )
+        ),
+        reads=True,
+    ),
+    "more registers than asked": Habit(
+        frozenset({"wrong-answer", "malformed"}),
+        played(
+            answer(
+                lambda _, e, data: (
+                    rtu.encode(e.unit, bytes((e.answered[0], e.answered[1] + 2)) + e.answered[2:] + b"\0\0")
+                    if e.answered[0] in (3, 4)
+                    else data
+                )
+            )
+        ),
+        reads=True,
+    ),
+    "another function": Habit(
+        frozenset({"wrong-answer"}),
+        played(
+            answer(
+                lambda _, e, __: rtu.encode(
+                    e.unit, bytes((7 - e.answered[0] if e.answered[0] in (3, 4) else e.answered[0],)) + e.answered[1:]
+                )
+            )
+        ),
+        reads=True,
+    ),
+    "another master": Habit(
+        frozenset({"two-masters", "role", "wrong-answer", *SILENT}),
+        played(answer(lambda d, e, __: _other_request(d, e))),
+    ),
+    "broadcast": Habit(
+        frozenset({"nothing-wrong"}), played(lambda d, e, asked, answered: [(0, True, rtu.encode(0, b"\x06\0\1\0\3"))])
+    ),
+    "noise in place of an answer": Habit(
+        frozenset({"disturbed", *SILENT}),
+        played(
+            answer(lambda d, __, data: bytes(d.choice((0, 0xFF, d.randrange(256))) for _ in range(d.randint(2, 9))))
+        ),
+    ),
 }
 TCP: dict[str, Habit] = {
     "good": Habit(frozenset({"nothing-wrong"}), played(answer(lambda _, __, data: data), "tcp")),
     "good in pieces": Habit(frozenset({"nothing-wrong"}), played(_split, "tcp")),
     "silence": Habit(SILENT, played(answer(lambda *_: None), "tcp")),
-    "exception 02": Habit(frozenset({"refused", "address-base"}), played(answer(lambda _, e, data: data[:4] + b"\0\3" + data[6:7] + bytes((e.asked[0] | 0x80, 2))), "tcp")),
-    "length of the header one too small": Habit(frozenset({"mbap-header", "malformed"}), played(answer(lambda _, __, data: data[:5] + bytes((data[5] - 1,)) + data[6:]), "tcp")),
-    "length of the header too large": Habit(frozenset({"mbap-header", "malformed", "cut-frame", *SILENT}), played(answer(lambda _, __, data: data[:5] + bytes((data[5] + 3,)) + data[6:]), "tcp")),
-    "length of the request": Habit(frozenset({"mbap-header", "malformed"}), played(answer(lambda _, e, data: data[:4] + b"\0\6" + data[6:] if data[5] != 6 else data), "tcp")),
-    "RTU in the answer": Habit(frozenset({"rtu-on-tcp", "wrong-protocol"}), played(answer(lambda _, e, __: rtu.encode(e.unit, e.answered)), "tcp")),
-    "CRC behind the frame": Habit(frozenset({"crc-inside-mbap", "malformed", "byte-extra"}), played(answer(lambda _, __, data: data[:5] + bytes((data[5] + 2,)) + data[6:] + _crc(data[6:])), "tcp")),
-    "another transaction": Habit(frozenset({"wrong-answer", *SILENT, "header-byte-order"}), played(answer(lambda _, __, data: b"\x12\x34" + data[2:]), "tcp")),
-    "another unit": Habit(frozenset({"wrong-answer", *SILENT}), played(answer(lambda _, e, data: data[:6] + bytes((e.unit % 247 + 1,)) + data[7:]), "tcp")),
+    "exception 02": Habit(
+        frozenset({"refused", "address-base"}),
+        played(answer(lambda _, e, data: data[:4] + b"\0\3" + data[6:7] + bytes((e.asked[0] | 0x80, 2))), "tcp"),
+    ),
+    "length of the header one too small": Habit(
+        frozenset({"mbap-header", "malformed"}),
+        played(answer(lambda _, __, data: data[:5] + bytes((data[5] - 1,)) + data[6:]), "tcp"),
+    ),
+    "length of the header too large": Habit(
+        frozenset({"mbap-header", "malformed", "cut-frame", *SILENT}),
+        played(answer(lambda _, __, data: data[:5] + bytes((data[5] + 3,)) + data[6:]), "tcp"),
+    ),
+    "length of the request": Habit(
+        frozenset({"mbap-header", "malformed"}),
+        played(answer(lambda _, e, data: data[:4] + b"\0\6" + data[6:] if data[5] != 6 else data), "tcp"),
+        reads=True,
+    ),
+    "RTU in the answer": Habit(
+        frozenset({"rtu-on-tcp", "wrong-protocol"}),
+        played(answer(lambda _, e, __: rtu.encode(e.unit, e.answered)), "tcp"),
+    ),
+    "CRC behind the frame": Habit(
+        frozenset({"crc-inside-mbap", "malformed", "byte-extra"}),
+        played(answer(lambda _, __, data: data[:5] + bytes((data[5] + 2,)) + data[6:] + _crc(data[6:])), "tcp"),
+    ),
+    "another transaction": Habit(
+        frozenset({"wrong-answer", *SILENT, "header-byte-order"}),
+        played(answer(lambda _, __, data: b"\x12\x34" + data[2:]), "tcp"),
+    ),
+    "another unit": Habit(
+        frozenset({"wrong-answer", *SILENT}),
+        played(answer(lambda _, e, data: data[:6] + bytes((e.unit % 247 + 1,)) + data[7:]), "tcp"),
+    ),
     "cut": Habit(frozenset({"cut-frame", *SILENT}), played(answer(lambda _, __, data: data[:-2]), "tcp")),
-    "another protocol": Habit(frozenset({"wrong-protocol", "mbap-header", *SILENT, "cut-frame"}), played(answer(lambda d, __, ___: b"HTTP/1.1 400 Bad Request\r\n"), "tcp")),
+    "another protocol": Habit(
+        frozenset({"wrong-protocol", "mbap-header", *SILENT, "cut-frame"}),
+        played(answer(lambda d, __, ___: b"HTTP/1.1 400 Bad Request\r\n"), "tcp"),
+    ),
 }
 ASCII: dict[str, Habit] = {
     "good": Habit(frozenset({"nothing-wrong"}), played(answer(lambda _, __, data: data), "ascii")),

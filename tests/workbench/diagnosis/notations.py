@@ -42,7 +42,8 @@ def lines(sent: str, received: str, form: Callable[[bytes], str], *, timed: str 
 
     def write(entries: list[Entry]) -> str:
         rows = (
-            timed.format(time=_time(at), seconds=f"{at:.6f}") + (sent if is_sent else received).format(form(data), n=len(data))
+            timed.format(time=_time(at), seconds=f"{at:.6f}")
+            + (sent if is_sent else received).format(form(data), n=len(data))
             for at, is_sent, data in entries
         )
         return "\n".join(rows) + "\n"
@@ -110,7 +111,9 @@ def _joined(entries: list[Entry]) -> str:
 
 
 def _spaced(entries: list[Entry]) -> str:
-    return "".join("".join(f"[ {byte:02X} ]" if sent else f"< {byte:02X} >" for byte in data) + "\n" for _, sent, data in entries)
+    return "".join(
+        "".join(f"[ {byte:02X} ]" if sent else f"< {byte:02X} >" for byte in data) + "\n" for _, sent, data in entries
+    )
 
 
 def _python(data: bytes) -> str:
@@ -130,17 +133,22 @@ NOTATIONS: dict[str, Writer] = {
     "minimalmodbus": _minimalmodbus,
     "modbus_tk": lines("-> {}", "<- {}", lambda data: _decimal(data, "-"), timed="DEBUG\tmodbus.execute\tThread-1\t"),
     "ESPHome uart": lines(">>> {}", "<<< {}", lambda d: _hex(d, ":").upper(), timed="[{time}][D][uart_debug:114]: "),
-    "ESPHome uart decimal": lines(">>> {}", "<<< {}", lambda d: _decimal(d, ","), timed="[{time}][D][uart_debug:158]: "),
+    "ESPHome uart decimal": lines(
+        ">>> {}", "<<< {}", lambda d: _decimal(d, ","), timed="[{time}][D][uart_debug:158]: "
+    ),
     "ESPHome uart string": lines('>>> "{}"', '<<< "{}"', _escaped, timed="[{time}][D][uart_debug:176]: "),
     "ESPHome modbus": lines(
-        "Modbus write: {} ({n}) at 4666", "Modbus received: {} ({n}) at 4667", lambda d: _hex(d, ".").upper(),
-        timed="[{time}][V][modbus:221]: "
+        "Modbus write: {} ({n}) at 4666",
+        "Modbus received: {} ({n}) at 4667",
+        lambda d: _hex(d, ".").upper(),
+        timed="[{time}][V][modbus:221]: ",
     ),
     "goburrow": lines("modbus: sending {}", "modbus: received {}", _hex, timed="2024/03/14 {time} "),
     "evcc": lines("modbus: send {}", "modbus: recv {}", _hex, timed="[modbus] TRACE 2024/03/14 {time} "),
     "modbus-serial": lines(
         "modbus-serial {{ action: 'send serial rtu buffered', data: <Buffer {}>, unitid: 1 }}",
-        "modbus-serial {{ action: 'receive serial rtu buffered port', data: <Buffer {}> }}", _hex,
+        "modbus-serial {{ action: 'receive serial rtu buffered port', data: <Buffer {}> }}",
+        _hex,
         timed="2024-03-14T{time}Z ",
     ),
     "Buffer": lines("write <Buffer {}>", "resp <Buffer {}>", _hex, timed=""),
@@ -196,7 +204,9 @@ NOTATIONS: dict[str, Writer] = {
     "remarks": lines("{}   // request", "{}   // response", lambda d: _hex(d).upper(), timed=""),
     "counts": lines("Send ({n} bytes): {}", "Receive ({n} bytes): {}", _hex),
     "counts behind": lines("TX: {} ({n} bytes)", "RX: {} ({n} bytes)", _hex),
-    "ASCII column": lines("TX {}", "RX {}", lambda d: f"{_hex(d)}  |{''.join(chr(b) if 32 <= b < 127 else '.' for b in d)}|"),
+    "ASCII column": lines(
+        "TX {}", "RX {}", lambda d: f"{_hex(d)}  |{''.join(chr(b) if 32 <= b < 127 else '.' for b in d)}|"
+    ),
     "bare": lines("{}", "{}", lambda d: _hex(d).upper(), timed=""),
     "bare with times": lines("{}", "{}", lambda d: _hex(d).upper(), timed="{seconds} "),
     "bare joined": lines("{}", "{}", lambda d: d.hex(), timed=""),

@@ -412,8 +412,9 @@ def test_a_line_whose_bytes_cannot_be_read_is_not_nothing_wrong() -> None:
 
 def test_a_repeated_request_behind_noise_in_one_read_is_no_echo() -> None:
     request = "01 03 10 01 00 06 90 C8"
-    findings, _ = diagnosed(f"{request}\n{'00 ' * 8}{request}\n".encode())
-    assert [(found.line, found.finding.code) for found in findings] == [(2, "noise-before"), (1, "no-answer")]
+    findings, verdicts = diagnosed(f"{request}\n{'00 ' * 8}{request}\n".encode())
+    assert [(found.line, found.finding.code) for found in findings] == [(2, "noise-before")]
+    assert "request to unit 1 twice: repeated, or its own echo" in verdicts[0].evidence
 
 
 def test_a_slow_response_for_which_the_client_waited_is_not_late() -> None:

@@ -195,7 +195,7 @@ def header(transaction: int, protocol: int, length: int) -> bytes:
         (header(1, 0, 0) + b"\1" + VALUES, 13),
         (header(1, 0, 9) + b"\1" + VALUES, 13),  # more than what follows
         (header(1, 0, 200) + b"\1" + VALUES, 13),
-        (header(1, 0, 6) + b"\1" + VALUES, 1),  # less: the last byte belongs to no frame
+        (header(1, 0, 6) + b"\1" + VALUES, 13),  # less: the message is whole, and not what the header says
         (header(1, 1, 7) + b"\1" + VALUES + tcp_frame(1, VALUES, 7), 13),  # and a good frame in the same segment
         (b"GET / HTTP/1.1\r\n\r\n", 18),
     ],

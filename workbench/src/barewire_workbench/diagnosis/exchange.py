@@ -362,12 +362,15 @@ def exchange_findings(
 ) -> list[Finding]:
     """Return the findings with this code on a request and what came after it.
 
-    A response whose byte count is wrong is a wrong answer, too: it has a finding of its own.
+    A response whose byte count is wrong is a wrong answer, too, and one that still has its CRC behind it: these have
+    findings of their own.
     """
     asked = frame_of(protocol, request.transaction, request.unit, request.pdu)
     answered = frame_of(protocol, request.transaction, response.unit, response.pdu)
     found = [finding for finding in diagnose_exchange(protocol, asked, answered) if finding.code == code]
     if not found and code == "wrong-answer" and response.message is None and response.pdu[0] == request.pdu[0]:
+        if protocol == "tcp":
+            return diagnose_tcp(answered, "response")
         whole = encode(response.unit, response.pdu)
         return [finding for finding in diagnose_rtu(whole, "response") if finding.code == "byte-count"]
     return found

@@ -36,6 +36,7 @@ _READINGS: dict[DiagnosisCode, tuple[VerdictCode, str]] = {
     "rtu-on-tcp": ("wrong-protocol", "RTU frames are sent on a connection where Modbus TCP is read"),
     "crc-inside-mbap": ("malformed", "the frames of Modbus TCP still have the CRC of the serial line"),
     "header-byte-order": ("malformed", "a number in the header is sent low byte first"),
+    "mbap-header": ("malformed", "the header of Modbus TCP has a wrong length or protocol"),
     "crc-swapped": ("malformed", "a device sends the two bytes of the CRC in the wrong order"),
     "crc-span": ("malformed", "a device computes the CRC over other bytes"),
     "crc-kind": ("malformed", "a device computes another CRC than that of Modbus"),
@@ -70,6 +71,7 @@ class UnitCounts:
 class LineCounts:
     """What was counted on one line or connection."""
 
+    serial: bool = True
     units: dict[int, UnitCounts] = field(default_factory=dict)
     frames: int = 0
     requests: int = 0
@@ -100,7 +102,7 @@ class LineCounts:
             verdicts.append(self._no_frames())
         damaged = self.bursts - self.first_lost - self.last_lost
         explained = {verdict.code for verdict in verdicts} - {"dead-unit", "no-answers", "echo", "two-masters"}
-        if not explained and damaged >= PROVES and damaged >= _SHARE * self.frames:
+        if self.serial and not explained and damaged >= PROVES and damaged >= _SHARE * self.frames:
             verdicts.append(self._disturbed(damaged))
         return [*verdicts, *self._silence()]
 
@@ -186,7 +188,7 @@ class LineCounts:
             if unit.twice >= PROVES:
                 evidence = f"{unit.twice} of {counted(unit.requests, 'request')} to it were answered twice"
                 verdicts.append(LineVerdict("two-units", text, evidence, "a repeater that sends frames again"))
-            elif unit.too_long >= PROVES and 2 * unit.too_long >= unit.damaged and not others_damaged:
+            elif self.serial and unit.too_long >= PROVES and 2 * unit.too_long >= unit.damaged and not others_damaged:
                 evidence = (
                     f"{unit.too_long} of {counted(unit.requests, 'response')} are damaged and longer than a response"
                 )

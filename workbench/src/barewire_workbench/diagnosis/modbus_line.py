@@ -19,6 +19,7 @@ from typing import NamedTuple
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.registry import request_class
+from barewire.tcp.frame import PREFIX
 from barewire_workbench.diagnosis.can_log import PROVES
 from barewire_workbench.diagnosis.exchange import (
     diagnose_exchange,
@@ -132,7 +133,7 @@ class LineDiagnosis:
 
     def __init__(self, protocol: ProtocolName, name: str = "", *, timed: bool = True) -> None:
         self.name = name
-        self.counts = LineCounts()
+        self.counts = LineCounts(serial=protocol != "tcp")
         self.unsettled = Unsettled()
         self.found = FindingCounts()
         self.protocol: ProtocolName = protocol
@@ -141,8 +142,8 @@ class LineDiagnosis:
         self._noise: Piece | None = None  # the next frame decides what it is
         self._asked: Piece | None = None  # the last frame, if it is a request
         self._before: Piece | None = None  # the last frame
-        # time, unit and PDU of frames, and their lines
-        self._lines: deque[tuple[tuple[float, int, bytes], int]] = deque(maxlen=_KEPT)
+        # time, unit and PDU of frames, and their places
+        self._lines: deque[tuple[tuple[float, int, bytes], Piece]] = deque(maxlen=_KEPT)
         self._spoiled: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # requests whose response is damaged
         self._answered: ResponseSeen | None = None  # the last response, if it has a request
         self._overlap: Overlap | None = None
@@ -196,7 +197,7 @@ class LineDiagnosis:
         role, behind_noise = self._role(piece), self._noise is not None
         yield from self._decide(piece, role)
         self.counts.frames += 1
-        self._lines.append(((piece.end, piece.adu.unit, piece.adu.pdu), piece.line))
+        self._lines.append(((piece.end, piece.adu.unit, piece.adu.pdu), piece))
         if role == "request":
             self.counts.requests += 1
         else:
@@ -249,7 +250,7 @@ class LineDiagnosis:
     def _begins_answer(self, noise: Piece) -> bool:
         """Return whether noise begins with the unit and the function that were asked."""
         asked = self._asked.adu if self._asked is not None and noise.from_client is not True else None
-        head = noise.data[:2]
+        head = noise.data[PREFIX if self.protocol == "tcp" else 0 :][:2]
         return asked is not None and head in (
             bytes((asked.unit, asked.pdu[0])),
             bytes((asked.unit, asked.pdu[0] | EXCEPTION_BIT)),
@@ -322,6 +323,7 @@ class LineDiagnosis:
             case ResponseSeen():
                 yield from self._response(event)
             case ResponseMissing():
+                yield from self._decide(None)  # no frame will follow the noise that came in place of the response
                 yield from self._no_response(event, following)
             case RecordingEnds(request=request) if (request.unit, request.at) not in self._spoiled:
                 if not self._listens(request):
@@ -424,7 +426,9 @@ class LineDiagnosis:
             unit.late += 1
             yield self._late(event, f"{event.at - late.at:.3f} s after its request, which was given up")
         elif before is not None and before.request is not None and before.request.pdu == event.pdu:
-            self.unsettled.open[f"second response of unit {event.unit} to a write, equal to it: an echo, or two units"] += 1
+            self.unsettled.open[
+                f"second response of unit {event.unit} to a write, equal to it: an echo, or two units"
+            ] += 1
         elif before is not None and self._is_second(before, event):
             unit.twice += 1
             text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
@@ -521,10 +525,13 @@ class LineDiagnosis:
         return Located(frame.unit, finding, frame.at, self._line_of(frame))
 
     def _line_of(self, frame: RequestSeen | ResponseSeen | AmbiguousFrame) -> int:
-        """Return the line of a frame; that of the last one if it is not remembered."""
-        last = self._before.line if self._before is not None else 0
+        piece = self._piece_of(frame)
+        return 0 if piece is None else piece.line
+
+    def _piece_of(self, frame: RequestSeen | ResponseSeen | AmbiguousFrame) -> Piece | None:
+        """Return the piece of a frame; the last one if that is not remembered."""
         place = frame.at, frame.unit, frame.pdu
-        return next((line for known, line in reversed(self._lines) if known == place), last)
+        return next((piece for known, piece in reversed(self._lines) if known == place), self._before)
 
     def _no_response(self, event: ResponseMissing, following: SnifferEvent | None) -> Iterator[Located]:
         request = event.request
@@ -538,13 +545,14 @@ class LineDiagnosis:
             return
         if (request.unit, request.at) in self._spoiled or self._listens(request):
             return
-        if isinstance(following, RequestSeen) and self._before is not None and request.transaction is None:
+        next_piece = self._piece_of(following) if isinstance(following, RequestSeen) else None
+        if isinstance(following, RequestSeen) and next_piece is not None and request.transaction is None:
             is_same = (following.unit, following.pdu) == (request.unit, request.pdu)
-            if is_same and not self._timed and self._before.from_client is None:
+            if is_same and not self._timed and next_piece.from_client is None:
                 self.unsettled.open[f"request to unit {request.unit} twice: repeated, or its own echo"] += 1
                 unit.requests -= 1
                 return
-            if self._before.from_client is False and not is_same:
+            if next_piece.from_client is False and not is_same:
                 unit.missing += 1
                 text = f"the client received a request of unit {following.unit} where a response was due"
                 proof = f"{explain_pdu(following.pdu, 'request').summary}: another master, or its late echo"
@@ -581,9 +589,10 @@ class LineDiagnosis:
         """Return whether the next frame is the same request, sooner than any client repeats it."""
         if not isinstance(following, RequestSeen) or (following.unit, following.pdu) != (request.unit, request.pdu):
             return False
-        if self._before is not None and self._before.from_client is not None:
-            return not self._before.from_client  # the client that wrote the log received its own request, or repeats it
-        joined = self._before is not None and self._before.joined
+        piece = self._piece_of(following)
+        if piece is not None and piece.from_client is not None:
+            return not piece.from_client  # the client that wrote the log received its own request, or repeats it
+        joined = piece is not None and piece.joined
         return joined or (self._timed and following.at - request.at <= _AT_ONCE)
 
     def _echo_proof(self, request: RequestSeen) -> str:

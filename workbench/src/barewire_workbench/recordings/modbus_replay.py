@@ -54,10 +54,10 @@ class RecordedTcpLine(TcpLine):
         events: list[Adu | Noise] = []
         if self._held and self._begins_frame(data):
             events += self.end()
-        if not self._held and data[2:4] == b"\0\0" and self._measure(data[7:]) == len(data) - 7 > 0:
-            if (length := int.from_bytes(data[4:6], "big")) != len(data) - PREFIX:
-                text = f"length {length}, and the whole message has {len(data) - PREFIX} bytes"
-                return [*events, Noise(data, "length", text)]
+        length, size = int.from_bytes(data[4:6], "big"), len(data) - PREFIX
+        is_message = not self._held and data[2:4] == b"\0\0" and self._measure(data[7:]) == size - 1 > 0
+        if is_message and length != size:
+            return [*events, Noise(data, "length", f"length {length}, and the whole message has {size} bytes")]
         events += super().feed(data, now)
         while self.broken is not None:
             noise = events.pop()
@@ -157,7 +157,13 @@ class LogSniffers:
         self._is_capture = log.form == "capture"
         self._has_protocol = protocol is not None
         self._serial_protocol: SerialProtocol = protocol or "rtu"
-        if protocol is None and not self._is_capture and _is_ascii(b"".join(item.data for item in items)):
+        is_known = any(item.protocol in ("rtu", "tcp") for item in items)  # registers with text may look like ASCII
+        if (
+            protocol is None
+            and not self._is_capture
+            and not is_known
+            and _is_ascii(b"".join(item.data for item in items))
+        ):
             self._serial_protocol = "ascii"
         self._window, self._wrap = window, wrap
         self._serial: dict[str, Sniffer] = {}

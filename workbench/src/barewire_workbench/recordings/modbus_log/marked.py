@@ -130,9 +130,9 @@ def is_decimal(entries: list[LogEntry]) -> bool:
 
 
 def recorder_is_client(entries: Sequence[LogEntry], protocol: ProtocolName | None) -> bool | None:
-    """Return whether the recording program is the client: it sent requests, or received responses. None if no frame
-    shows it, for requests and responses to a write are equal."""
-    votes = 0
+    """Return whether the recording program is the client: it sent requests, or received responses. Requests and
+    responses to a write are equal: if there are only these, the client is who began. None if no frame shows it."""
+    votes, began = 0, None
     for entry in entries:
         pdu = None if entry.data is None or protocol is None else frame_pdu(protocol, entry.data)
         if entry.sent is None or not pdu:
@@ -140,7 +140,9 @@ def recorder_is_client(entries: Sequence[LogEntry], protocol: ProtocolName | Non
         request, response = shapes(pdu)
         if request != response:
             votes += 1 if request == entry.sent else -1
-    return None if votes == 0 else votes > 0
+        elif began is None:
+            began = entry.sent
+    return began if votes == 0 else votes > 0
 
 
 def with_transactions(items: list[LoggedBytes | Unread], open_numbers: set[bytes]) -> list[LoggedBytes | Unread]:
@@ -172,6 +174,8 @@ def _frames(data: bytes) -> list[bytes]:
     frames: list[bytes] = []
     while len(data) >= 8 and data[2:4] == b"\x00\x00":
         size = 6 + int.from_bytes(data[4:6], "big")
+        if len(data) > size and data[size + 2 : size + 4] != b"\0\0":
+            break  # no header follows: the length is wrong
         frames.append(data[:size])
         data = data[size:]
     return [*frames, data] if data else frames
@@ -202,8 +206,10 @@ _NUMBER = re.compile(r"(?i)(?<![A-Za-z])(?:tx|rx):\d{4,8}-")
 """Modbus Poll counts its frames: the number belongs to the word, not to the bytes."""
 _SINGLE = re.compile(r"(?:(?<![\w.])(?:0x|\\x)|[:=<>\]\[-]\s{0,9})([0-9A-Fa-f]{2})[\]>]?\s*$")
 """One byte alone: a part of a frame, as slow adapters deliver it. Without a mark it would be a number of bytes."""
-_ALONE = re.compile(r"(?P<before>.*\s)(?P<byte>[0-9A-Fa-f]{2})\s*")
-_OPENINGS_MAX = 100
+_FEW = re.compile(
+    r"""[\s\[<({'"]*(?P<digits>(?:(?:0[xX]|\\x)?[0-9A-Fa-f]{1,6}[\s,;:.|\-\]\[<>'"]{0,4}){1,3})[\])}>]*(?: at \d+)?"""
+)
+_OPENINGS_MAX, _MARKS_WORD = 100, frozenset(":=>])}")
 _COMPLAINT = re.compile(r"(?i)\bCRC\b|checksum|invalid|incomplete|unexpected|discard|garbage|malformed|corrupt")
 """A program says so of what it received. Many print the bytes for a second time."""
 _SEPARATORS = re.compile(r"[\s:=>#\[(<\])-]*")
@@ -254,13 +260,12 @@ def _marked(line: str, number: int, openings: set[str]) -> list[LogEntry]:
 
 
 def _directed(plain: str, number: int, openings: set[str] | frozenset[str] = frozenset()) -> list[LogEntry]:
-    """Return the entries of a line whose time is blank. One byte alone needs a mark, or the opening of other bytes."""
+    """Return the entries of a line whose time is blank. Behind an opening of other bytes a few digits are bytes too."""
     found = split_octets(plain)
     if isinstance(openings, set) and found is not None and len(openings) < _OPENINGS_MAX:
         openings.add(found.before.strip())
-    alone = _ALONE.fullmatch(plain) if found is None and openings else None
-    if alone is not None and alone["before"].strip() in openings:
-        plain = f"{alone['before']}0x{alone['byte']}"
+    if found is None and openings:
+        found = _few(plain, openings)
     if found is None and (single := _SINGLE.search(plain)) is not None:
         before = plain[: single.start(1)].removesuffix("0x").removesuffix("\\x")
         word, sent, from_client = direction_of(before)
@@ -279,6 +284,23 @@ def _directed(plain: str, number: int, openings: set[str] | frozenset[str] = fro
     if word.re is _COMPLAINT and len(found.data or found.decimal or b"") < _SHORTEST:
         return []  # of a message: "failed! 8011!=FFFF"
     return [LogEntry(number, found.data, sent, from_client, None, found.decimal)]
+
+
+def _few(plain: str, openings: Iterable[str]) -> Octets | None:
+    """Return the bytes of a line with one or a few of them, in any notation, which begins like lines with more."""
+    text = plain.strip()
+    words = [
+        text[: word.end() + 1] for word in _WORD.finditer(text) if text[word.end() : word.end() + 1] in _MARKS_WORD
+    ]
+    before = max((opening for opening in [*openings, *words] if text.startswith(opening)), key=len, default="")
+    found = _FEW.fullmatch(text[len(before) :])
+    if not before or found is None:
+        return None
+    tokens = re.findall("[0-9A-Fa-f]+", re.sub(r"0[xX]|\\x", " ", found["digits"]))
+    decimal = bytes(map(int, tokens)) if all(token.isdecimal() and int(token) < 256 for token in tokens) else None
+    is_hex = all(len(token) < 3 or len(token) % 2 == 0 for token in tokens)
+    data = bytes.fromhex("".join(token.rjust(2, "0") for token in tokens)) if is_hex else None
+    return None if data is decimal is None else Octets(before, data, decimal)
 
 
 def _exchange(last: Octets, number: int) -> list[LogEntry]:

@@ -323,7 +323,9 @@ _MAC = 17
 """Characters of the address of a network card, 02:42:ac:11:00:02."""
 _CUT = re.compile(r"(?<![.\w])\.\.\.(?!\.)[\s'\")\]>}]*$|…|\d+ more bytes?")
 """What a program prints in place of the bytes that it leaves out."""
-_OPENER = re.compile(r"(?:\{?\s*\"type\"\s*:\s*\"Buffer\"\s*,\s*\"data\"\s*:\s*|<?Buffer|bytearray\(b?|bytes\(|\bb)?[\s\"'({\[]*$")
+_OPENER = re.compile(
+    r"(?:\{?\s*\"type\"\s*:\s*\"Buffer\"\s*,\s*\"data\"\s*:\s*|<?Buffer|bytearray\(b?|bytes\(|\bb)?[\s\"'({\[]*$"
+)
 """What a language prints before the bytes: no part of the text that states their direction."""
 _COUNT = re.compile(r"(?<=\W)(?P<opened>[(\[]?)(?P<count>\d{1,4}) ?bytes?[)\]]?\s*$", re.IGNORECASE)
 """A count without brackets could be a byte, too: it has to be right."""
@@ -388,7 +390,11 @@ def _split(line: str) -> Octets | None:
     """Split a line that has nothing but punctuation, or a count in brackets, behind its bytes."""
     for form in _LITERALS if "'" in line or '"' in line else ():
         literal = _last_match(form, line)
-        if literal is not None and _END.match(line, literal.end()) and (form is _LITERALS[0] or _ESCAPED.search(literal[0])):
+        if (
+            literal is not None
+            and _END.match(line, literal.end())
+            and (form is _LITERALS[0] or _ESCAPED.search(literal[0]))
+        ):
             return _of_literal(line, literal)
     best: re.Match[str] | None = None
     start = len(line.rstrip(_AT_THE_END))

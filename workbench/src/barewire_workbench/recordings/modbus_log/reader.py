@@ -400,7 +400,7 @@ class _LogReader:
                 octets = split_octets(line if stamp is None else line[stamp[2] :])
             if octets is not None and not octets.before.strip(" \t:,;|-"):
                 entries.append(LogEntry(number, octets.data, None, None, stamp and stamp[0], octets.decimal))
-            else:
+            elif not _SILENT.search(line, 0, _LONGEST_LINE):
                 left.append(number)
         entries.sort(key=lambda entry: entry.line)
         entries = list(self._with_silences(entries, lines))
