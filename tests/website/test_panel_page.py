@@ -9,17 +9,19 @@ import asyncio
 import threading
 import time
 from collections.abc import Iterator
+from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, Literal
 
 import pytest
 from playwright.sync_api import Browser, Page, expect
 
-from barewire import ModbusServer, load
-from barewire.devices.sim import MachineUnits, simulator
+from barewire import load
+from barewire.devices.sim import simulator
 from barewire_workbench.cli.panels.line import PanelLine, running
 from barewire_workbench.cli.panels.server import PanelServer
 from barewire_workbench.cli.panels.world import SimulatedWorld
+from barewire_workbench.cli.simulate import machine_server
 from tests.website.accessibility import SCREENS, serious_faults
 from tools.website.browser import chromium
 
@@ -34,9 +36,9 @@ def browser() -> Iterator[Browser]:
         yield started
 
 
-@pytest.fixture
-def url() -> Iterator[str]:
-    """Serve the panel of a simulated stepper drive in a thread; yield its URL."""
+@contextmanager
+def served(name: str, endpoint: str, options: str = "") -> Iterator[str]:
+    """Serve the panel of a simulated machine in a thread; yield its URL."""
     urls: list[str] = []
     started = threading.Event()
     loop = asyncio.new_event_loop()
@@ -51,10 +53,10 @@ def url() -> Iterator[str]:
         await ended.wait()
         await server.close()
 
-    machine = simulator("csd-mt", time.monotonic())
+    machine = simulator(name, time.monotonic())
     with (
-        ModbusServer("rtu://pty", MachineUnits(machine), faults=()) as device,
-        running(PanelLine(load("csd-mt"), f"{device.url}?timeout=20", period=0.1)) as line,
+        machine_server(endpoint, machine, faults=()) as device,
+        running(PanelLine(load(name), f"{device.url}?timeout=20{options}", period=0.1)) as line,
     ):
         thread = threading.Thread(target=loop.run_until_complete, args=(serve(line),))
         thread.start()
@@ -65,6 +67,13 @@ def url() -> Iterator[str]:
             loop.call_soon_threadsafe(ended.set)
             thread.join()
             loop.close()
+
+
+@pytest.fixture
+def url() -> Iterator[str]:
+    """Serve the panel of a simulated stepper drive."""
+    with served("csd-mt", "rtu://pty") as started:
+        yield started
 
 
 def opened(browser: Browser, url: str, width: int = 1280, scheme: Literal["light", "dark"] = "light") -> Page:
@@ -169,6 +178,35 @@ def test_the_scope_records_once_a_value_passes_the_level_and_saves_csv_and_svg(b
     assert {row.split(",")[1] for row in rows} == {"24000", "40000"}
     assert files[1].count("<polyline") == 2
     page.close()
+
+
+def test_the_ramp_of_a_soft_starter_is_set_started_drawn_and_stopped(browser: Browser) -> None:
+    with served("adxl", "rtu://pty") as url:
+        page = opened(browser, url)
+        ramp, confirmation = page.locator("#ramp"), page.locator("#write")
+        expect(ramp.get_by_role("heading", name="Ramp")).to_contain_text("Starter ready", timeout=_LOADED)
+        ramp.get_by_role("button", name="Read P01.04 acceleration time").press("Enter")
+        value = ramp.get_by_role("row", name="P01.04").locator("td.value")
+        expect(value).to_have_text("10 s", timeout=_LOADED)
+        ramp.get_by_role("button", name="Write P01.04 acceleration time").click()
+        page.get_by_label("New value").fill("120")
+        page.keyboard.press("Enter")
+        expect(confirmation.locator(".frame")).to_have_count(4, timeout=_LOADED)  # three numbers, then the value
+        page.get_by_role("button", name="Send it").click()
+        expect(value).to_have_text("120 s", timeout=_LOADED)
+        page.keyboard.press("Escape")
+        for button, status in (("Start", "Acceleration ramp"), ("Stop", "Deceleration ramp")):
+            ramp.get_by_role("button", name=button).click()
+            expect(confirmation.locator(".frame")).to_contain_text("Write Single Register", timeout=_LOADED)
+            page.get_by_role("button", name="Send it").click()
+            page.get_by_role("button", name="Close").click()
+            expect(ramp.get_by_role("heading", name="Ramp")).to_contain_text(status, timeout=_LOADED)
+        with page.expect_download() as download:
+            ramp.get_by_role("button", name="CSV").click()
+        first, *rows = Path(download.value.path()).read_text(encoding="utf-8").splitlines()
+        assert first == '"seconds","Max current","Torque","L3-L1 Voltage"'
+        assert any(float(row.split(",")[1] or 0) > 0 for row in rows)
+        page.close()
 
 
 def test_faults_and_the_world_are_switched_by_keyboard_and_are_seen_in_frames_and_values(

@@ -16,6 +16,7 @@ import tracemalloc
 from collections import Counter
 from collections.abc import AsyncIterator, Iterator
 from contextlib import asynccontextmanager, contextmanager
+from dataclasses import replace
 from datetime import datetime
 from random import Random
 from typing import Any
@@ -453,7 +454,7 @@ def test_the_frames_of_a_plan_are_those_that_a_write_sends() -> None:
         connect(device, endpoint, watch=lambda *row: sent.append(row)) as drive,
     ):
         drive.write(SETTING, 55)
-    planned = planned_frames(endpoint, device, device.find(SETTING), 55)
+    planned = planned_frames(endpoint, device, {SETTING: 55})
     assert [digits[6:] for digits, _ in planned] == [data.hex(" ").upper()[6:] for way, data in sent if way == "sent"]
 
 
@@ -508,7 +509,7 @@ def test_a_drive_shows_its_states_and_its_words_can_be_read_and_written_there(
         assert access[shown["drive"]["control"]] != "ro"
         device = load(name)
         for *_, control in shown["drive"]["transitions"]:
-            assert planned_frames(endpoint, device, device.find(shown["drive"]["control"]), control)
+            assert planned_frames(endpoint, device, {shown["drive"]["control"]: control})
 
 
 def test_the_world_of_a_simulated_machine_is_set_and_a_wrong_property_is_an_error() -> None:
@@ -545,6 +546,17 @@ def test_the_world_of_a_simulated_machine_is_set_and_a_wrong_property_is_an_erro
             await stream.aclose()
 
     asyncio.run(main())
+
+
+def test_a_wrong_table_ramp_is_an_error_that_says_what_is_expected() -> None:
+    device = load("adxl")
+    for table, text in (
+        ({"status": "Status"}, "expected the names status, start and stop, and the lists traces and settings"),
+        (5, "expected the names status"),
+        (dict(device.extra["ramp"]) | {"traces": ["Max curent"]}, "did you mean 'Max current'"),
+    ):
+        with pytest.raises(BarewireError, match=text):
+            description(replace(device, extra={**device.extra, "ramp": table}), "rtu:///dev/x")
 
 
 def test_a_page_needs_a_described_machine() -> None:

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
+from barewire.codecs import Value
 from barewire.devices import Device, Parameter
 from barewire.devices.cia402 import STATUS_PATTERNS, TRANSITIONS
 from barewire.devices.request_checks import to_write
+from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.dry_run import address_text, frames_of
 from barewire_workbench.cli.shown_frames import ShownFrames
 from barewire_workbench.cli.value_text import parse_value
+from barewire_workbench.settings.rules import KeptSetting, SettingRules
 
 
 def value_to_write(device: Device, name: str, text: str) -> tuple[Parameter, Any]:
@@ -21,11 +25,11 @@ def value_to_write(device: Device, name: str, text: str) -> tuple[Parameter, Any
     return parameter, value
 
 
-def planned_frames(endpoint: str, device: Device, parameter: Parameter, value: Any) -> list[tuple[str, str]]:
-    """Return the frames that write a value, each with its meaning."""
+def planned_frames(endpoint: str, device: Device, values: Mapping[str, Value]) -> list[tuple[str, str]]:
+    """Return the frames that write values by name, in this order, each with its meaning."""
     rows: list[tuple[str, str]] = []
     shown = _Collected(endpoint, device, rows)
-    for frame in frames_of(endpoint, device, {parameter.name: value}, force=False):
+    for frame in frames_of(endpoint, device, values, force=False):
         shown.show("would send", frame)
     return rows
 
@@ -61,7 +65,35 @@ def description(device: Device, endpoint: str) -> dict[str, Any]:
                 if step.command is not None
             ],
         }
-    return {"device": device.name, "endpoint": endpoint, "groups": groups, "drive": drive}
+    ramp = _ramp(device, endpoint)
+    return {"device": device.name, "endpoint": endpoint, "groups": groups, "drive": drive, "ramp": ramp}
+
+
+def settings_of_menus(device: Device, endpoint: str) -> dict[str, KeptSetting]:
+    """Return the settings that are reached behind the numbers of a menu, by name."""
+    is_can = Endpoint.parse(endpoint).scheme == "can"
+    return {setting.name: setting for setting in SettingRules.of(device).settings(is_can=is_can) if setting.select}
+
+
+def _ramp(device: Device, endpoint: str) -> dict[str, Any] | None:
+    """Return what a start and a stop are seen by, None without a table [ramp]. Raises EncodeError for a wrong one."""
+    table = device.extra.get("ramp")
+    if table is None:
+        return None
+    menus, is_can = settings_of_menus(device, endpoint), Endpoint.parse(endpoint).scheme == "can"
+    try:
+        found: dict[str, Any] = {key: device.find(table[key]).name for key in ("status", "start", "stop")}
+        found["traces"] = [device.find(name).name for name in table["traces"]]
+        found["settings"] = [
+            _row(device.find(name), is_can)
+            if name not in menus
+            else _row(menus[name].parameter, is_can) | {"place": menus[name].place(is_can=is_can), "menu": True}
+            for name in table["settings"]
+        ]
+    except (KeyError, TypeError, AttributeError):
+        expected = "expected the names status, start and stop, and the lists traces and settings"
+        raise EncodeError(f"{device.name}: [ramp]: {expected}") from None
+    return found
 
 
 def _row(row: Parameter, is_can: bool) -> dict[str, Any]:

@@ -22,12 +22,14 @@ from barewire import connect
 from barewire.codecs import Value
 from barewire.devices import Device, Reading
 from barewire.errors import BarewireError, NoAnswer, PortError, Refused
+from barewire_workbench.cli.panels.description import settings_of_menus
 from barewire_workbench.cli.panels.diagnosis import LastFrames
 from barewire_workbench.cli.shown_frames import ShownFrames
 from barewire_workbench.live.check_device import check_device
 from barewire_workbench.live.polling import Clock, Poller
 from barewire_workbench.live.read_values import read_alone
 from barewire_workbench.live.results import text_with_notes
+from barewire_workbench.live.save_settings import select
 from barewire_workbench.value_log.sample import plain_value
 
 if TYPE_CHECKING:
@@ -102,9 +104,11 @@ class PanelLine:
         # What a reading changes is not polled; its cell says why.
         self._cells |= {name: (1, None, "", f"not polled: {why}") for name, why in read_alone(device).items()}
         self._polled = [row.name for row in device.parameters if row.name not in self._cells]
+        self.menus = settings_of_menus(device, endpoint)
+        """Settings that are read and written only on demand, because numbers must be written before."""
         self._looked_at: Counter[str] = Counter()
         self._pollers: dict[tuple[str, ...], Poller] = {}
-        self._writes: Queue[tuple[str, Value, Future[str]]] = Queue(_WRITES)
+        self._writes: Queue[tuple[str, Value | None, Future[str]]] = Queue(_WRITES)
         self._lock = threading.Lock()
         self._wake = threading.Event()
         self._stop = False
@@ -124,8 +128,9 @@ class PanelLine:
             with self._lock:
                 self._looked_at -= Counter(names)
 
-    def write(self, name: str, value: Value) -> Future[str]:
-        """Have a value written; the result says what the machine has then. Raises Busy."""
+    def write(self, name: str, value: Value | None) -> Future[str]:
+        """Have a value written, or a setting of a menu only read (None); the result says what the machine has then.
+        Raises Busy."""
         result: Future[str] = Future()
         try:
             if self._stop:
@@ -226,8 +231,12 @@ class PanelLine:
                 continue
             try:
                 machine = self._opened(before_write=True)
-                machine.write(name, value)
-                result.set_result(self._read_back(machine, name))
+                setting = self.menus.get(name)
+                if setting is not None:
+                    select(machine, self.endpoint, setting)
+                if value is not None:
+                    machine.write(name if setting is None else setting.read_as, value)
+                result.set_result(self._read_back(machine, name, "read" if value is None else "written"))
                 self._answered()
             except BarewireError as error:
                 result.set_exception(error)
@@ -237,16 +246,17 @@ class PanelLine:
                 result.set_exception(error)
                 raise
 
-    def _read_back(self, machine: Any, name: str) -> str:
-        parameter = self.device.find(name)
+    def _read_back(self, machine: Any, name: str, done: str) -> str:
+        setting = self.menus.get(name)
+        parameter = self.device.find(name) if setting is None else setting.parameter
         if not (parameter.readable and parameter.answered):
             return "sent: it cannot be read back"
         try:
-            reading = machine.read(name)
+            reading = Reading(parameter, machine.read(name if setting is None else setting.read_as).value)
         except BarewireError as error:
-            return f"written; not read back: {error}"
+            return f"{done}; not read back: {error}"
         self._keep([reading], {})
-        return f"written; the device has {parameter.text(reading.value)}"
+        return f"{done}; the device has {parameter.text(reading.value)}"
 
     def _opened(self, *, before_write: bool = False) -> Any:
         """Return the connected machine, asked once for each connection what it is."""

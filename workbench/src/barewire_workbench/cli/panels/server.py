@@ -5,6 +5,7 @@
     GET  /events         ?name=A&name=B: what changes, as server-sent events, while the connection is open
     GET  /frame          ?number=N: a frame field by field
     POST /plan  /write   {"name": ..., "text": ...}: the frames that would be sent; sent, and what the device has then
+    POST /read           {"name": ..., "text": ""}: a setting behind the numbers of a menu, which are written for that
     POST /world  /fault  likewise: the environment of a machine that is simulated here, and the faults of its line
 
 A request must name this machine as its host, which a page of another site cannot (DNS rebinding), and must not come
@@ -35,6 +36,7 @@ from barewire_workbench.cli.dry_run import address_text, raw_text
 from barewire_workbench.cli.panels.description import description, planned_frames, value_to_write
 from barewire_workbench.cli.panels.line import Busy, PanelLine
 from barewire_workbench.cli.panels.world import SimulatedWorld
+from barewire_workbench.cli.value_text import parse_value
 
 _FILES = files("barewire_workbench.cli.panels") / "page"
 _KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
@@ -158,10 +160,11 @@ class PanelServer:
 
     async def _send_events(self, request: Request, writer: asyncio.StreamWriter) -> None:
         """Send what changes until the browser closes the connection, or does not read."""
-        known = {row.name for row in self.line.device.parameters}
+        menus = self.line.menus
+        known = {row.name for row in self.line.device.parameters} | menus.keys()
         arguments: Any = request.args
         names = [name for name in arguments.getlist("name") if name in known][:_NAMES]
-        readable = [name for name in names if self.line.device.find(name).readable]
+        readable = [name for name in names if name in menus or self.line.device.find(name).readable]
         head = "\r\n".join(f"{name}: {text}" for name, text in _HEADERS.items())
         too_many = self.viewers >= _VIEWERS
         status = "503 Too many viewers" if too_many else "200 OK"
@@ -199,6 +202,7 @@ class PanelServer:
         app.get("/<name>")(_file)
         app.post("/plan")(self._plan)
         app.post("/write")(self._write)
+        app.post("/read")(self._read)
         app.post("/world")(self._set_world)
         app.post("/fault")(self._set_world)
         return app
@@ -225,13 +229,14 @@ class PanelServer:
         """Answer what would be written."""
         try:
             parameter, value = self._asked(request)
-            planned = planned_frames(self.line.endpoint, self.line.device, parameter, value)
+            setting = self.line.menus.get(parameter.name)
+            values = {parameter.name: value} if setting is None else {**setting.select, setting.read_as: value}
             answer = {
                 "name": parameter.name,
                 "value": parameter.text(value),
                 "address": address_text(parameter, is_can=self._is_can),
                 "raw": raw_text(parameter, value, is_can=self._is_can),
-                "frames": planned,
+                "frames": planned_frames(self.line.endpoint, self.line.device, values),
             }
         except BarewireError as error:
             return _problem(str(error), 400)
@@ -248,6 +253,17 @@ class PanelServer:
             return _problem(str(error), 400)
         return _answer({"result": f"{parameter.name} = {parameter.text(value)}, {result}"})
 
+    async def _read(self, request: Request) -> Response:
+        """Read a setting of a menu, whose numbers are written for that; its value comes as an event."""
+        try:
+            name, _ = _named_text(request)
+            if name not in self.line.menus:
+                raise BarewireError(f"{name}: expected one of {', '.join(self.line.menus)}")
+            result = await asyncio.wrap_future(self.line.write(name, None))
+        except BarewireError as error:
+            return _problem(str(error), 400)
+        return _answer({"result": result})
+
     async def _set_world(self, request: Request) -> Response:
         """Set a property of the environment, or the faults of one kind."""
         if self._world is None:
@@ -263,6 +279,8 @@ class PanelServer:
     def _asked(self, request: Request) -> tuple[Parameter, Any]:
         """Return the parameter and the value of a request. Raises BarewireError for what cannot be written."""
         name, text = _named_text(request)
+        if (setting := self.line.menus.get(name)) is not None:
+            return setting.parameter, parse_value(setting.parameter, text)
         parameter = self.line.device.find(name)
         if text.startswith("@") and parameter.type in ("octets", "domain"):
             raise BarewireError(f"{parameter.name}: a browser names no file of this machine: expected bytes")

@@ -294,7 +294,7 @@ space         stop the list of frames, or go on
                 return
             try:
                 parameter, value = value_to_write(device, name, typed)
-                frames = planned_frames(self.line.endpoint, device, parameter, value)
+                frames = planned_frames(self.line.endpoint, device, {parameter.name: value})
                 break
             except BarewireError as error:
                 problem, text = [(str(error), True)], None

@@ -3,6 +3,7 @@
 
 import { element } from "./dom.js";
 import { showDrive } from "./drive.js";
+import { showRamp } from "./ramp.js";
 import { Scope } from "./scope.js";
 import { showWorld } from "./world.js";
 
@@ -13,7 +14,7 @@ const KEPT = 300;  // frames in the list
 let device, stream, polls, chosen = null;
 const rows = new Map();  // name -> cell of its value
 const latest = new Map();  // name -> [value, text, problem]
-let held = false, seen = 0, scope, takeStatus = () => {}, takeWorld = () => {};
+let held = false, seen = 0, scope, takeStatus = () => {}, takeWorld = () => {}, takeRamp = () => {};
 
 async function asked(path, options) {
   const response = await fetch(path, options);
@@ -61,7 +62,8 @@ function showValue(name) {
 
 function listen() {
   stream?.close();
-  const shown = new Set([...rows.keys(), ...scope.names, ...(device.drive ? [device.drive.status] : [])]);
+  const shown = new Set([...rows.keys(), ...scope.names, ...(device.drive ? [device.drive.status] : []),
+    ...(device.ramp ? [device.ramp.status, ...device.ramp.settings.map(({ name }) => name)] : [])]);
   const names = new URLSearchParams([...shown].map((name) => ["name", name]));
   stream = new EventSource(`events?${names}`);
   stream.onmessage = (message) => take(JSON.parse(message.data));
@@ -78,6 +80,7 @@ function take(event) {
   for (const [name, value] of Object.entries(event.values)) {
     latest.set(name, value);
     if (rows.has(name)) showValue(name);
+    takeRamp(name, value[2] || value[1]);
     if (name === device.drive?.status && value[0] !== null) takeStatus(value[0]);
   }
   if (event.alive && event.polls !== polls) scope.take(event.at, scope.names.map((name) => latest.get(name)?.[0]));
@@ -218,6 +221,11 @@ scope = new Scope(at("scope"), numeric, listen);
 if (device.drive) {
   const control = parameters.find((row) => row.name === device.drive.control);
   takeStatus = showDrive(at("drive"), device.drive, device.writable && control ? (text) => openWrite(control, text) : null);
+}
+if (device.ramp) {
+  takeRamp = showRamp(at("ramp"), at("scope"), device.ramp, parameters, device.writable && openWrite,
+    async (name) => (await posted("read", { name, text: "" })).result);
+  scope.choose(device.ramp.traces, () => {});
 }
 if (device.world) takeWorld = showWorld(at("world"), (path, name, text) => posted(path, { name, text }));
 // The group that opens: that with most values which only the machine changes.
