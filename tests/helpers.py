@@ -37,6 +37,13 @@ def part_or_whole(part: T, whole: T) -> list[Any]:
     return [part, pytest.param(whole, marks=pytest.mark.proof)]
 
 
+def some_of(values: Iterable[T], count: int) -> list[Any]:
+    """The values of a parameter, such as seeds: those after the first `count` are for `make proof` and .ci/run."""
+    return [
+        value if place < count else pytest.param(value, marks=pytest.mark.proof) for place, value in enumerate(values)
+    ]
+
+
 def free_port() -> int:
     """A TCP port of the loopback interface on which no server listens.
 

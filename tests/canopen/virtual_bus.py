@@ -25,6 +25,10 @@ def never(number: int, frame: CanFrame) -> bool:
     return False
 
 
+def _due(device: Participant) -> float:
+    return float("inf") if (due := device.deadline) is None else due
+
+
 class VirtualBus:
     """Every frame reaches all others `wire` seconds later; each device answers after a latency of its own.
 
@@ -56,38 +60,32 @@ class VirtualBus:
             if receiver != sender:
                 heapq.heappush(self._under_way, (now + self.wire, next(self._order), receiver, frame))
 
-    def _next_due(self) -> tuple[float, int] | None:
-        dues = [
-            (due, number) for number, (device, _) in enumerate(self._devices) if (due := device.deadline) is not None
-        ]
-        return min(dues, default=None)
-
     def inject(self, text: str, now: float) -> None:
         """Send a frame from outside the simulated devices."""
         self._send(CanFrame.parse(text), -1, now)
 
     def receive(self, until: float) -> CanFrame | None:
         """Let time pass until the conversation receives a frame, None at `until`."""
+        dues = [_due(device) for device, _ in self._devices]
         while True:
             arrival = self._under_way[0][0] if self._under_way else float("inf")
-            due = self._next_due()
-            if min(arrival, due[0] if due else float("inf")) > max(until, self.now):
+            due = min(dues, default=float("inf"))
+            if min(arrival, due) > max(until, self.now):
                 self.now = max(self.now, until)
                 return None
-            if due is not None and due[0] < arrival:
-                self.now = max(self.now, due[0])
-                self._feed(due[1], None)
-                continue
-            when, _, receiver, frame = heapq.heappop(self._under_way)
-            self.now = max(self.now, when)
+            receiver: int | None = None
+            frame: CanFrame | None = None
+            if due < arrival:
+                receiver = dues.index(due)
+            else:
+                _, _, receiver, frame = heapq.heappop(self._under_way)
+            self.now = max(self.now, min(due, arrival))
             if receiver is None:
                 return frame
-            self._feed(receiver, frame)
-
-    def _feed(self, place: int, frame: CanFrame | None) -> None:
-        device, latency = self._devices[place]
-        for answer in device.feed(frame, self.now):
-            self._send(answer, place, self.now + latency)
+            device, latency = self._devices[receiver]
+            for answer in device.feed(frame, self.now):
+                self._send(answer, receiver, self.now + latency)
+            dues[receiver] = _due(device)
 
     def run(self, conversation: Conversation[CanFrame, Result]) -> Result:
         """Run a conversation as the master on this bus."""

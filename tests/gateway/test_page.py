@@ -12,6 +12,7 @@ from pathlib import Path
 from typing import Any
 
 import pytest
+from playwright.sync_api import Browser, Page
 
 from barewire import ModbusClient, ModbusServer
 from barewire.gateway.__main__ import run_program
@@ -132,16 +133,21 @@ def test_the_page_asks_for_nothing_elsewhere(gateway: Gateway) -> None:
     assert "http" not in text.replace("http://www.w3.org/2000/svg", "")
 
 
+@pytest.fixture(scope="module")
+def browser() -> Iterator[Browser]:
+    with chromium() as started:
+        yield started
+
+
 @pytest.fixture(params=["light", "dark"])
-def page(request: pytest.FixtureRequest) -> Iterator[Any]:
+def page(browser: Browser, request: pytest.FixtureRequest) -> Page:
     """A page of a browser as wide as a telephone, or as a screen."""
-    with chromium() as browser:
-        width = 390 if request.param == "dark" else 1280
-        yield browser.new_page(viewport={"width": width, "height": 900}, color_scheme=request.param)
+    width = 390 if request.param == "dark" else 1280
+    return browser.new_page(viewport={"width": width, "height": 900}, color_scheme=request.param)
 
 
 @pytest.mark.needs("chromium")
-def test_a_browser_shows_it(gateway: Gateway, page: Any) -> None:
+def test_a_browser_shows_it(gateway: Gateway, page: Page) -> None:
     requests: list[str] = []
     problems: list[str] = []
     page.on("request", lambda request: requests.append(request.url))

@@ -13,6 +13,7 @@ from __future__ import annotations
 import ast
 import re
 from dataclasses import dataclass, field
+from functools import cache
 from pathlib import Path
 
 from tools.rooms import HOUSES, ROOT as ROOT
@@ -61,6 +62,7 @@ _PARTS_OF_FILES = "one_file"
 """The folder of what `barewire vendor` puts into its files: nobody imports it, and its classes have names of others."""
 
 
+@cache
 def rooms() -> list[Room]:
     """Return every room of both packages, in reading order, an outer one before those inside."""
     return [room for package in HOUSES for room in rooms_below(package)]

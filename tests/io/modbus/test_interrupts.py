@@ -3,7 +3,7 @@
 A signal handler, Ctrl-C and a lack of memory raise anywhere. Here an exception is raised before each line of barewire
 that a read executes, one after the other (`tests.interrupts`), in virtual time. Then the client is used on, against a
 unit that answers everything late and in order; from another thread, which would hang if the lock were kept. `make
-test` raises at every eighth line, `make proof` at each.
+test` raises at every sixteenth line, `make proof` at each.
 """
 
 from __future__ import annotations
@@ -209,7 +209,7 @@ RUNS = {"blocking": blocking_run, "asyncio": asyncio_run}
 )
 @pytest.mark.parametrize("before", BEFORE)
 @pytest.mark.parametrize("carrier", CARRIERS)
-@pytest.mark.parametrize("step", part_or_whole(8, 1))
+@pytest.mark.parametrize("step", part_or_whole(16, 1))
 def test_an_exception_at_any_line(
     world: str, carrier: str, before: str, error: type[BaseException], step: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -93,7 +93,7 @@ class RegisterBlock(_Block, array):  # type: ignore[type-arg]  # it takes [int] 
     @classmethod
     def of(cls, name: str, size: int, rows: Any = None) -> Self:
         """Return a block of `rows`, see `_placed`; by default `size` zeros from address 0."""
-        placed, spans = _placed(cls, name, [0] * size if rows is None else rows)
+        placed, spans = ([], [(0, size)] if size else []) if rows is None else _placed(cls, name, rows)
         block = cls("H", bytes(2 * (spans[-1][1] if spans else 0)))
         block._describe(name, spans)
         for first, row in placed:
@@ -148,7 +148,7 @@ class BitBlock(_Block, bytearray):
     @classmethod
     def of(cls, name: str, size: int, rows: Any = None) -> Self:
         """Return a block of `rows`, see `_placed`; by default `size` zeros from address 0."""
-        placed, spans = _placed(cls, name, [0] * size if rows is None else rows)
+        placed, spans = ([], [(0, size)] if size else []) if rows is None else _placed(cls, name, rows)
         block = cls(spans[-1][1] if spans else 0)
         block._describe(name, spans)
         for first, row in placed:

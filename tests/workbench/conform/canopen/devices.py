@@ -10,15 +10,18 @@ from barewire.canopen import (
 )
 from barewire.canopen.eds import EdsObject
 from barewire.devices.sim import simulator
-from barewire_workbench.conform.canopen.battery import needs_reset, prepare, run_case
+from barewire_workbench.conform.canopen.battery import all_cases, needs_reset, prepare, run_case
 from barewire_workbench.conform.canopen.model import NodeCase, NodeOutcome, Subject
 from barewire_workbench.conform.canopen.probe import probe
-from barewire_workbench.live.canopen_conformance import cases
+from barewire_workbench.live.canopen_conformance import FILES
 from barewire_workbench.vectors.answers import device_conformance as conformance
+from barewire_workbench.vectors.files import load_vectors
 from tests.canopen.virtual_bus import Participant, VirtualBus
 
 ADDRESS, LARGE, NODE = conformance.ADDRESS, conformance.LARGE, conformance.NODE
 plain = conformance.plain_device
+_CASES = {file.name: file.cases for file in load_vectors().files}
+SCRIPTS = [case for name in FILES for case in _CASES[f"canopen/conform-{name}"]]
 
 
 def az3() -> Participant:
@@ -77,7 +80,7 @@ def failures(
     """Return the failures of the whole battery against one device that is not switched off, by the name of the case."""
     found: dict[str, str] = {}
     previous = None
-    for case in cases(subject, objects):
+    for case in all_cases(subject, [fields for fields in SCRIPTS if fields["name"].startswith(prefixes)], objects):
         if case.lacks or case.effect == "power" or not case.name.startswith(prefixes):
             continue
         previous = run_after_reset(bus, subject, case, previous)

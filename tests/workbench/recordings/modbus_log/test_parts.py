@@ -125,7 +125,7 @@ def test_what_the_first_part_shows_is_not_decided_again(monkeypatch: pytest.Monk
 
 @pytest.mark.parametrize("size", [10_000, 65_536])
 def test_a_long_dump_is_read_in_parts(size: int) -> None:
-    data = b"".join(READ + REFUSED for _ in range(20_000))
+    data = b"".join(READ + REFUSED for _ in range(10_000))
     text = dump_of(data)
     parts = list(read_modbus_parts(source_of(cut(text, size))))
     items = [item for part in parts for item in part.items if isinstance(item, LoggedBytes)]
