@@ -16,6 +16,7 @@ import termios
 import threading
 import time
 from collections.abc import Awaitable, Callable
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -25,12 +26,14 @@ import pytest
 from barewire.canopen import CanFrame
 from barewire.devices import load
 from barewire.errors import EncodeError, PortError
+from barewire.io.ports.pty import PseudoTerminal
 from barewire.rtu import encode as rtu_frame
 from barewire_workbench.cli.panels.line import PanelLine
 from barewire_workbench.cli.sources import Source
 from barewire_workbench.cli.terminal.heard import Filter, Heard, KeepingMonitors, Rates, Row, hear_can, hear_modbus
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.monitor import is_repeated
+from barewire_workbench.wire import longest_can_frame
 from tests.helpers import unhex
 from tests.workbench.cli.helpers import ENVIRONMENT, error_of, output_of, run_here
 from tests.workbench.cli.test_panel import SETTING, Machine, VirtualClock
@@ -38,7 +41,9 @@ from tools.screens import text_of
 
 pytest.importorskip("textual")
 from textual.pilot import Pilot
+from textual.widgets import Input
 
+from barewire_workbench.cli.terminal import sniffing
 from barewire_workbench.cli.terminal.machine import MachineScreen
 from barewire_workbench.cli.terminal.screen import Ask, RowList
 from barewire_workbench.cli.terminal.sniffing import SniffScreen, explained_lines, save_rows, shortened
@@ -122,7 +127,7 @@ def on_screen(app: Any, act: Callable[[Pilot[None]], Awaitable[None]], size: tup
     asyncio.run(run())
 
 
-def sniffing(heard: Heard) -> SniffScreen:
+def screen_of(heard: Heard) -> SniffScreen:
     return SniffScreen(heard, "a line", lambda rows, name: save_rows(rows, name, is_can=False))
 
 
@@ -201,8 +206,8 @@ def test_events_of_can_are_chosen_by_node_and_service(tmp_path: Path) -> None:
 def test_rates_are_those_of_the_last_ten_seconds() -> None:
     rates = Rates()
     for second in range(100):
-        rates.count(second + 0.5, rows=4, errors=1, busy=0.25)
-    assert [rates.per_second(name, 99.9) for name in ("rows", "errors", "busy")] == [4, 1, 0.25]
+        rates.count(second + 0.5, rows=4, busy=0.25)
+    assert [rates.per_second(name, 99.9) for name in ("rows", "busy")] == [4, 0.25]
     assert rates.per_second("rows", 104.5) == 2
     assert rates.per_second("rows", 200) == 0
 
@@ -212,7 +217,7 @@ def test_rates_are_those_of_the_last_ten_seconds() -> None:
 
 def test_the_list_grows_follows_and_stays_where_the_user_looks() -> None:
     heard = Heard()
-    app = sniffing(heard)
+    app = screen_of(heard)
 
     async def act(pilot: Pilot[None]) -> None:
         assert "nothing was heard yet" in shown(app)
@@ -244,7 +249,7 @@ def test_the_list_grows_follows_and_stays_where_the_user_looks() -> None:
 
 
 def test_the_chosen_row_is_explained(tmp_path: Path) -> None:
-    app = sniffing(heard_of(LINE, tmp_path))
+    app = screen_of(heard_of(LINE, tmp_path))
 
     async def act(pilot: Pilot[None]) -> None:
         assert "CRC wrong, should be 0B F5" in shown(app)
@@ -260,7 +265,7 @@ def test_the_chosen_row_is_explained(tmp_path: Path) -> None:
 
 
 def test_what_is_wrong_is_red(tmp_path: Path) -> None:
-    app = sniffing(heard_of(LINE, tmp_path))
+    app = screen_of(heard_of(LINE, tmp_path))
 
     async def act(pilot: Pilot[None]) -> None:
         rows = app.query_one(RowList)
@@ -280,7 +285,7 @@ def test_a_narrow_screen_leaves_out_a_part_of_the_request_rather_than_the_answer
 
 
 def test_a_filter_is_typed_and_removed(tmp_path: Path) -> None:
-    app = sniffing(heard_of(LINE, tmp_path))
+    app = screen_of(heard_of(LINE, tmp_path))
 
     def listed() -> int:
         return len(app.query_one(RowList).rows)
@@ -303,7 +308,7 @@ def test_a_filter_is_typed_and_removed(tmp_path: Path) -> None:
 
 def test_memory_is_bounded_and_what_was_dropped_is_counted() -> None:
     heard = Heard(limit=50)
-    app = sniffing(heard)
+    app = screen_of(heard)
 
     async def act(pilot: Pilot[None]) -> None:
         for number in range(20):
@@ -328,14 +333,15 @@ def test_memory_is_bounded_and_what_was_dropped_is_counted() -> None:
 
 
 def test_rows_that_are_shown_are_written_as_a_recording(tmp_path: Path) -> None:
-    app = sniffing(heard_of(LINE, tmp_path))
+    app = screen_of(heard_of(LINE, tmp_path))
     file = tmp_path / "shown.pcapng"
 
     async def act(pilot: Pilot[None]) -> None:
-        await pilot.press(*"/unit=2", "enter", "w")
-        await pilot.press(*str(file), "enter")
+        app.filter_by("unit=2")
+        await pilot.press("w")
+        app.screen.query_one(Input).value = str(file)
+        await pilot.press("enter")
         await pilot.pause()
-        await pilot.press("w", *str(file), "enter")  # it is there already
 
     on_screen(app, act)
     (line,) = output_of("sniff", str(file)).splitlines()
@@ -359,7 +365,7 @@ def test_an_error_of_the_line_is_shown_and_the_screen_stays() -> None:
 
     heard = Heard()
     heard.run(read)
-    app = sniffing(heard)
+    app = screen_of(heard)
 
     async def act(pilot: Pilot[None]) -> None:
         assert "/dev/x: it is gone" in shown(app)
@@ -373,7 +379,7 @@ def test_an_error_of_the_line_is_shown_and_the_screen_stays() -> None:
 
 def test_a_recording_without_times_has_no_column_for_them(tmp_path: Path) -> None:
     heard = heard_of("Tx: 01 03 00 00 00 02 C4 0B\nRx: 01 83 02 C0 F1\n", tmp_path)
-    app = sniffing(heard)
+    app = screen_of(heard)
 
     async def act(pilot: Pilot[None]) -> None:
         line = app.query_one(RowList).render_line(0).text
@@ -468,7 +474,7 @@ def test_commands_of_a_drive_are_those_of_its_state() -> None:
         line.turn()
         app.look()
         await pilot.press("c")
-        assert "1  switch on: 3 -> switched on" in shown(app)
+        assert "1  switch on -> switched on, transition 3" in shown(app)
         await pilot.press("1")
         await pilot.pause()
         assert "Control Word = 7" in shown(app)
@@ -624,8 +630,76 @@ def test_keys_come_from_the_terminal_where_standard_input_is_a_log() -> None:
     assert terminal.end() == 0
 
 
-def test_no_thread_is_left_after_a_recording_was_read(tmp_path: Path) -> None:
-    before = threading.active_count()
-    heard = heard_of(LINE, tmp_path)
-    on_screen(sniffing(heard), lambda pilot: pilot.pause())
+def test_a_recording_that_is_not_read_to_its_end_is_no_error_and_leaves_no_thread(
+    tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file, heard, before = tmp_path / "long.log", Heard(), threading.active_count()
+    file.write_text("".join(f"{place}.0 01 83 02 C0 F1\n" for place in range(100_000)))
+    pauses = threading.Event()
+
+    def run_screen(app: SniffScreen) -> int:
+        while not heard.total:
+            pauses.wait(0.01)
+        return 0
+
+    monkeypatch.setattr(sniffing, "run_screen", run_screen)
+    with click.Context(click.Command("sniff")):
+        traffic = Source(str(file), None)
+        read = partial(hear_modbus, traffic=traffic, seconds=None, window=1.0, names=None, file=None)
+        assert sniffing.watch_traffic(heard, traffic, read) == 0
+    assert 0 < heard.total < 100_000
     assert threading.active_count() == before
+
+
+def test_a_port_that_cannot_be_opened_is_an_error_before_there_is_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(sniffing, "run_screen", lambda app: pytest.fail("a screen"))
+    monkeypatch.setattr(sniffing, "_OPENED", 60)
+    traffic = Source("tcp://127.0.0.1:1", None)
+    read = partial(hear_modbus, traffic=traffic, seconds=None, window=1.0, names=None, file=None)
+    with pytest.raises(EncodeError, match="listening in needs a line"):
+        sniffing.watch_traffic(Heard(live=True), traffic, read)
+
+
+def test_a_line_is_heard_until_it_is_told_to_stop() -> None:
+    heard, terminal = Heard(live=True), PseudoTerminal()
+    traffic = Source(f"rtu://{terminal.path}?parity=N&baudrate=9600", None)
+    read = partial(hear_modbus, traffic=traffic, seconds=None, window=60.0, names=None, file=None)
+    thread = threading.Thread(target=heard.run, args=(read,))
+    thread.start()
+    give_up = time.monotonic() + 60
+    while all(row.wrong for row in heard.take()) and time.monotonic() < give_up:
+        terminal.send(rtu_frame(1, unhex("03 0000 0002")))
+        traffic.stop.wait(0.05)
+        terminal.send(rtu_frame(1, unhex("03 04 0017 0007")))
+        traffic.stop.wait(0.05)
+    busy = heard.per_second("busy")
+    traffic.stop.set()
+    thread.join(60)
+    terminal.close()
+    assert heard.error is None
+    assert time.monotonic() < give_up
+    assert heard.knows_load
+    assert 0 < busy < 1
+    assert heard.verdicts
+
+
+def test_a_bus_is_heard_with_its_load_until_it_fails(monkeypatch: pytest.MonkeyPatch) -> None:
+    frames = [CanFrame(0x701 + number, b"\x05") for number in range(3)]
+
+    class Port:
+        def receive_any(self, timeout: float) -> CanFrame | None:
+            if not frames:
+                raise PortError("the server hung up")
+            return frames.pop()
+
+        def close(self) -> None: ...
+
+    monkeypatch.setattr("barewire.io.ports.can.interfaces.can_port", lambda endpoint, *, stamps: Port())
+    heard, monitors, diagnosis = Heard(live=True), KeepingMonitors(), CanLogDiagnosis()
+    traffic = Source("can://socketcand/127.0.0.1/can0?bitrate=1000", None)
+    heard.run(partial(hear_can, traffic=traffic, monitors=monitors, diagnosis=diagnosis, is_shown=bool, file=None))
+    assert str(heard.error) == "the server hung up"
+    assert [row.who for row in heard.take()] == ["node 3", "node 2", "node 1"]
+    assert sum(counter["busy"] for counter in heard.rates._seconds.values()) == pytest.approx(
+        3 * longest_can_frame(1) / 1000
+    )

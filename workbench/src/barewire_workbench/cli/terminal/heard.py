@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import threading
 import time
-from collections import Counter, deque
+from collections import deque
 from collections.abc import Callable, Iterable, Iterator
 from functools import partial
 from typing import Any, NamedTuple
@@ -118,10 +118,9 @@ class Filter(NamedTuple):
         """Return whether a row is shown."""
         if (self.errors and not row.wrong) or (self.unit and row.who.rpartition(" ")[2] != self.unit):
             return False
-        if self.function.isdecimal():
-            if self.function not in row.functions:
-                return False
-        elif not any(self.function in name for name in row.functions or ("",)):
+        if self.function.isdecimal() and self.function not in row.functions:
+            return False
+        if self.function and not any(self.function in name for name in row.functions):
             return False
         return all(text in row.line.lower() for text in self.texts)
 
@@ -130,36 +129,36 @@ class Rates:
     """What was counted in the last ten seconds, second by second.
 
     >>> rates = Rates()
-    >>> rates.count(100.2, rows=1), rates.count(102.9, rows=1, errors=1, busy=0.3)
+    >>> rates.count(100.2, rows=1), rates.count(103.9, rows=1, busy=0.5)
     (None, None)
-    >>> rates.per_second("rows", 102.9), rates.per_second("busy", 102.9)
-    (0.5, 0.075)
+    >>> rates.per_second("rows", 103.9), rates.per_second("busy", 103.9)  # of four seconds so far
+    (0.5, 0.125)
     """
 
     def __init__(self) -> None:
-        self._seconds: dict[int, Counter[str]] = {}
+        self._seconds: dict[int, dict[str, float]] = {}
         self._first: float | None = None
 
     def count(self, at: float, **numbers: float) -> None:
         """Count what happened at a time."""
         self._first = at if self._first is None else self._first
-        counter = self._seconds.setdefault(int(at), Counter())
+        counts = self._seconds.setdefault(int(at), {})
         for name, number in numbers.items():
-            counter[name] += number  # type: ignore[assignment]  # seconds are counted too
+            counts[name] = counts.get(name, 0) + number
         while len(self._seconds) > _SPAN + 1:
             del self._seconds[min(self._seconds)]
 
     def per_second(self, name: str, now: float) -> float:
         """Return how often, on average."""
         since = int(now) - _SPAN
-        total = sum(counter[name] for second, counter in self._seconds.items() if since < second <= now)
+        total = sum(counts.get(name, 0) for second, counts in self._seconds.items() if since < second <= now)
         return total / min(_SPAN, max(1, int(now) - int(self._first or now) + 1))
 
 
 class Heard:
-    """What was heard. The thread that reads calls `put`, `find` and `judge`, the screen `take`.
+    """What was heard. The thread that reads calls `put`, `load`, `find` and `judge`, the screen `take`.
 
-    `live`: its times are those of the clock. `character` is the time of one byte on the line, 0 if that is not known.
+    `live`: its times are those of the clock. At most `limit` rows wait for the screen.
     """
 
     def __init__(self, *, live: bool = False, limit: int = KEPT, clock: Callable[[], float] = time.time) -> None:
@@ -191,11 +190,8 @@ class Heard:
             self._latest = max(self._latest, row.at)
             self.total += 1
             self.errors += row.wrong
-            self.rates.count(row.at, rows=1, errors=row.wrong)
-            self._incoming.append(row)
-            if len(self._incoming) > self.limit:
-                self._incoming.popleft()
-                self.dropped += 1
+            self.rates.count(row.at, rows=1)
+            self._append(row)
 
     def load(self, at: float, seconds: float) -> None:
         """Count the seconds for which a frame has occupied the line or bus."""
@@ -204,8 +200,15 @@ class Heard:
             self.rates.count(at, busy=seconds)
 
     def note(self, text: str) -> None:
-        """Add a row about the recording itself."""
-        self.put(Row(self._latest, "", "note", text, False, (), text, (), list))
+        """Add a row about the recording itself, which is not counted."""
+        with self._lock:
+            self._append(Row(self._latest, "", "note", text, False, (), text, (), list))
+
+    def _append(self, row: Row) -> None:
+        self._incoming.append(row)
+        if len(self._incoming) > self.limit:
+            self._incoming.popleft()
+            self.dropped += 1
 
     def find(self, findings: Iterable[LogFinding]) -> None:
         """Add findings."""
@@ -227,7 +230,7 @@ class Heard:
             return list(rows)
 
     def per_second(self, name: str) -> float:
-        """Return how many "rows", "errors" or seconds "busy" a second has."""
+        """Return how many "rows" or seconds "busy" a second has."""
         with self._lock:
             return self.rates.per_second(name, self.now)
 

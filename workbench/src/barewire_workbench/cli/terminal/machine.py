@@ -82,6 +82,7 @@ space         stop the list of frames, or go on
         self._text = ""
         self._values: dict[str, tuple[Any, str, str]] = {}  # value, text, why there is none
         self._revision = 0
+        self._is_alive = False
         self._holding = False
         self._newest: KeptFrame | None = None
         self._message: tuple[str, bool] = ("", False)
@@ -93,7 +94,6 @@ space         stop the list of frames, or go on
         """Make the parts of the screen."""
         self._state, self._groups = Line(id="state"), Line(id="groups")
         self._list, self._frames = RowList(self._draw_value, id="values"), RowList(self._draw_frame, id="frames")
-        self._frames.border_title = "frames"
         self._lower = Lines(id="below")
         yield from (self._state, self._groups)
         with Container(id="both"):
@@ -130,23 +130,23 @@ space         stop the list of frames, or go on
         """Take what was polled since the last look, and show it."""
         changes = self.line.changes_since(self._revision, self._polled)
         self._revision = changes["revision"]
-        if changes["values"]:
+        if changes["values"] or changes["alive"] != self._is_alive:
             self._values |= changes["values"]
+            self._is_alive = changes["alive"]
             self._list.refresh()
         if not self._holding and len(frames := list(self.line.frames)) and frames[-1] is not self._newest:
             self._newest = frames[-1]
             self._frames.show(frames, len(frames) - 1)
+        self._frames.border_title = "frames, held" if self._holding else "frames"
         self._show_state(changes)
         self._show_below()
 
     def _show_state(self, changes: dict[str, Any]) -> None:
         state = Text()
         if changes["alive"]:
-            state.append("connected", "green")
+            state.append("connected", "green").append(f"  {self.drive_state or ''}", "bold")
         else:
             state.append(f"no answer for {changes['for']:.0f} s: {changes['problem']}", WRONG)
-        if (drive := self.drive_state) is not None:
-            state.append("  ").append(drive, "bold")
         text, wrong = self._message
         state.append(f"  {text}", WRONG if wrong else "bold").append(f"  {self.line.polls} polls  ")
         state.append(f"{self._device['device']} at {self.line.endpoint}", FAINT)
@@ -176,10 +176,8 @@ space         stop the list of frames, or go on
         limits = f"{row['range']} {row['unit']}".strip() if row["range"] else ""
         side = max(10, (width - 4) // 4)
         name = row["name"], width - 2 * side - 5
-        shown = columns(width, name, (problem or text, side), (limits, side), (row["access"], 0))
-        if problem:
-            shown.stylize(WRONG)
-        return shown
+        style = WRONG if problem else None if self._is_alive else FAINT  # values of a machine that is silent are old
+        return columns(width, name, (problem or text, side), (limits, side), (row["access"], 0), style=style)
 
     def _draw_frame(self, frame: KeptFrame, width: int) -> Text:
         arrow = "→" if frame.direction == "sent" else "←"
@@ -253,7 +251,7 @@ space         stop the list of frames, or go on
     def action_write(self) -> None:
         """Write the chosen value."""
         row = self._list.chosen
-        if row is None:
+        if row is None or not self._list.has_focus:
             return
         if row["access"] == "ro":
             self.say(f"{row['name']} is read only", wrong=True)
@@ -267,7 +265,10 @@ space         stop the list of frames, or go on
         if not steps:
             self.say("the state of the drive is not known" if drive else "this machine is no drive", wrong=True)
             return
-        lines = [(f"{place}  {step[3]}: {step[0]} -> {step[2]}", False) for place, step in enumerate(steps, 1)]
+        lines = [
+            (f"{place}  {command} -> {target}, transition {number}", False)
+            for place, (number, _, target, command, _) in enumerate(steps, 1)
+        ]
 
         def give(key: str | None) -> None:
             if key is not None:

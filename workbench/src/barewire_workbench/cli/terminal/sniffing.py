@@ -42,6 +42,8 @@ from barewire_workbench.recordings.modbus_writer import ModbusRecordingWriter
 
 _TICK = 0.1
 """Seconds from one look at what was heard to the next."""
+_OPENED = 0.3
+"""Seconds in which a port that is not there is an error of the command; later the screen shows it."""
 _EXAMPLE = "unit=3 function=read errors, any text; Enter: to the list, Esc: all rows"
 
 
@@ -270,16 +272,20 @@ def explained_lines(row: Row) -> list[tuple[str, bool]]:
 
 
 def watch_traffic(heard: Heard, traffic: Source, read: Callable[[Heard], None]) -> int:
-    """Show what a thread reads until the user ends it, then raise its error."""
+    """Show what a thread reads until the user ends it. Then raise the error that has ended it before."""
     thread = threading.Thread(target=heard.run, args=(read,), name=traffic.name, daemon=True)
     thread.start()
+    thread.join(_OPENED)
+    if heard.error is not None and not heard.total:
+        raise heard.error
     try:
         status = run_screen(SniffScreen(heard, traffic.name, partial(save_rows, is_can=traffic.is_can)))
     finally:
-        traffic.stop.set()
+        error = heard.error
+        traffic.stop.set()  # what it reads may end within a line now, which is no error
         thread.join(5)
-    if heard.error is not None:
-        raise heard.error
+    if error is not None:
+        raise error
     return status
 
 
