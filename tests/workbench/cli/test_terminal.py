@@ -425,6 +425,21 @@ def test_values_of_the_group_that_is_shown_are_polled_and_shown() -> None:
     assert machine.asked == []
 
 
+def test_the_first_group_is_one_that_can_be_read() -> None:
+    line = PanelLine(load("adxl"), "rtu:///dev/x", check=False, connect=Machine(), clock=VirtualClock())
+    app = MachineScreen(line, writable=False)
+
+    async def act(pilot: Pilot[None]) -> None:
+        assert "not asked yet" in shown(app)
+        assert "no answer" not in shown(app)
+        rows = app.query_one("#values", RowList).rows
+        assert any(row["access"] != "wo" for row in rows)
+        await pilot.press("left")
+        assert "write only" in shown(app)  # the group before it has commands only
+
+    on_screen(app, act)
+
+
 def test_a_write_shows_its_frame_and_is_sent_after_yes() -> None:
     app, line, _ = panel_of(machine := Machine())
 
@@ -503,6 +518,24 @@ def test_a_silent_machine_is_shown_in_red_until_it_answers() -> None:
         assert "connected" in shown(app)
 
     on_screen(app, act, (120, 40))
+
+
+def test_the_diagnosis_of_the_last_frames_is_shown() -> None:
+    app, line, clock = panel_of(Machine())
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press("d")
+        assert "nothing wrong" in shown(app)
+        line._watch("sent", rtu_frame(1, unhex("03 0000 0002")))
+        line._watch("received", rtu_frame(1, unhex("83 02")))
+        clock.time += 10
+        line.turn()
+        app.look()
+        await pilot.pause()
+        assert "diagnosis of the last 1 exchanges" in shown(app)
+        assert "verdict: a device refused or reported something [refused]" in shown(app)
+
+    on_screen(app, act, (160, 50))
 
 
 def test_frames_are_listed_and_the_chosen_one_is_explained() -> None:

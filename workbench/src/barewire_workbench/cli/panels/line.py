@@ -48,6 +48,10 @@ _IDLE = 0.5
 """Seconds after which the thread looks whether there is something to do."""
 
 
+NOT_ASKED = "not asked yet"
+"""The problem of a machine of which no value was looked at so far."""
+
+
 class Busy(BarewireError):
     """Too many writes wait for the line."""
 
@@ -98,7 +102,7 @@ class PanelLine:
         self._connect, self._check, self._clock = connect, check, clock
         self._machine: Any = None
         self._is_known = False
-        self._problem, self._is_alive, self._since = "not asked yet", False, clock.now()
+        self._problem, self._is_alive, self._since = NOT_ASKED, False, clock.now()
         self._start = clock.now()
         self._cells: dict[str, tuple[int, Any, str, str]] = {}  # name -> revision, value, text, why there is none
         # What a reading changes is not polled; its cell says why.

@@ -18,7 +18,7 @@ from textual.widgets import Footer
 from barewire.devices.cia402 import state_of
 from barewire.errors import BarewireError
 from barewire_workbench.cli.panels.description import description, planned_frames, value_to_write
-from barewire_workbench.cli.panels.line import KeptFrame, PanelLine, running
+from barewire_workbench.cli.panels.line import NOT_ASKED, KeptFrame, PanelLine, running
 from barewire_workbench.cli.terminal.screen import (
     FAINT,
     LAST_BINDINGS,
@@ -58,7 +58,8 @@ class MachineScreen(TerminalApp):
         Binding("g,right", "group(1)", "Group"),  # a list has the key of its own: it shows no other use of it
         Binding("enter", "write", "Write"),
         Binding("c", "command", "Command"),
-        Binding("space", "hold", "Hold frames"),
+        Binding("space", "hold", "Hold"),
+        Binding("d", "diagnosis", "Diagnosis"),
         *LAST_BINDINGS,
     ]
     HELP = """
@@ -69,6 +70,7 @@ Enter         write the value; its frame is shown before it is sent
 c             commands of a drive, from the state in which it is
 /             only values with this text in their name; Esc: all
 space         stop the list of frames, or go on
+d             the diagnosis of the last frames, or the explanation again
 ?, q          these keys; quit
 """
     TITLE = "barewire panel --terminal"
@@ -78,10 +80,13 @@ space         stop the list of frames, or go on
         self.line, self.writable = line, writable
         self._device = description(line.device, line.endpoint)
         self._names: list[str] = [*self._device["groups"]]
-        self._group = 0
+        readable = (any(row["access"] != "wo" for row in rows) for rows in self._device["groups"].values())
+        self._group = next((place for place, is_readable in enumerate(readable) if is_readable), 0)
         self._text = ""
         self._values: dict[str, tuple[Any, str, str]] = {}  # value, text, why there is none
         self._revision = 0
+        self._found: dict[str, Any] = {"exchanges": 0, "verdicts": [], "findings": []}
+        self._diagnosing = False
         self._is_alive = False
         self._holding = False
         self._newest: KeptFrame | None = None
@@ -137,6 +142,7 @@ space         stop the list of frames, or go on
         if not self._holding and len(frames := list(self.line.frames)) and frames[-1] is not self._newest:
             self._newest = frames[-1]
             self._frames.show(frames, len(frames) - 1)
+        self._found = changes["diagnosis"] or self._found
         self._frames.border_title = "frames, held" if self._holding else "frames"
         self._show_state(changes)
         self._show_below()
@@ -145,10 +151,15 @@ space         stop the list of frames, or go on
         state = Text()
         if changes["alive"]:
             state.append("connected", "green").append(f"  {self.drive_state or ''}", "bold")
+        elif changes["problem"] == NOT_ASKED:
+            state.append(NOT_ASKED, FAINT)
         else:
             state.append(f"no answer for {changes['for']:.0f} s: {changes['problem']}", WRONG)
         text, wrong = self._message
-        state.append(f"  {text}", WRONG if wrong else "bold").append(f"  {self.line.polls} polls  ")
+        state.append(f"  {text}", WRONG if wrong else "bold")
+        for verdict, _ in self._found["verdicts"][:1]:
+            state.append(f"  {verdict}", WRONG)
+        state.append(f"  {self.line.polls} polls  ")
         state.append(f"{self._device['device']} at {self.line.endpoint}", FAINT)
         self._state.show(state)
         names = Text()
@@ -195,10 +206,17 @@ space         stop the list of frames, or go on
             key = chosen.number
         elif chosen is not None:
             key = chosen["name"], self._values.get(chosen["name"])
+        if self._diagnosing:
+            key = self._found
         if key == self._below:
             return
         self._below = key
-        if isinstance(chosen, KeptFrame):
+        if self._diagnosing:
+            self._lower.border_title = f"diagnosis of the last {self._found['exchanges']} exchanges"
+            lines = [f"verdict: {text}: {evidence}" for text, evidence in self._found["verdicts"]]
+            lines += [sentence for _, sentence in reversed(self._found["findings"])]
+            self._lower.show([(line, True) for line in lines] or [("nothing wrong", False)])
+        elif isinstance(chosen, KeptFrame):
             self._lower.border_title = f"{chosen.direction}: {chosen.digits}"
             self._lower.show((text, not chosen.explanation.valid) for text in chosen.explanation.lines())
         elif chosen is not None:
@@ -231,6 +249,11 @@ space         stop the list of frames, or go on
         """Show another group."""
         self._group = (self._group + step) % len(self._names)
         self._show_group()
+
+    def action_diagnosis(self) -> None:
+        """Show the diagnosis of the last frames, or the explanation again."""
+        self._diagnosing = not self._diagnosing
+        self._show_below()
 
     def action_hold(self) -> None:
         """Stop the list of frames, or go on."""
