@@ -63,11 +63,18 @@ def ended_by_signals(*, interrupt: bool = False) -> Iterator[Callable[[], None]]
                 signal.signal(number, before)
 
 
-def on_ending_signals(end: Callable[[], object]) -> None:
-    """Call a function at each signal that would end the process, Ctrl-C too, from now on: for an event loop."""
-    for number in (*_ENDING_SIGNALS, signal.SIGINT):
-        if signal.getsignal(number) is not signal.SIG_IGN:
-            signal.signal(number, lambda *_: end())
+@contextmanager
+def ending_signals_call(end: Callable[[], object]) -> Iterator[None]:
+    """Within the block, call a function at each signal that would end the process, Ctrl-C too: for an event loop."""
+    handlers = {number: signal.getsignal(number) for number in (*_ENDING_SIGNALS, signal.SIGINT)}
+    previous = {number: handler for number, handler in handlers.items() if handler is not signal.SIG_IGN}
+    for number in previous:
+        signal.signal(number, lambda *_: end())
+    try:
+        yield
+    finally:
+        for number, before in previous.items():
+            signal.signal(number, before)
 
 
 # Late responses

@@ -10,7 +10,7 @@ import click
 from barewire.devices import Device
 from barewire.errors import EncodeError
 from barewire_workbench.cli.arguments import device_argument, endpoint_argument, load_device, no_check_option
-from barewire_workbench.cli.ending import on_ending_signals
+from barewire_workbench.cli.ending import ending_signals_call
 from barewire_workbench.cli.output import needs_extra
 
 if TYPE_CHECKING:
@@ -83,8 +83,10 @@ def serve_panel(
 
     async def serve() -> None:
         loop, ended = asyncio.get_running_loop(), asyncio.Event()
-        on_ending_signals(lambda: loop.call_soon_threadsafe(ended.set))
-        with running(PanelLine(device, endpoint, period=period, check=check)) as line:
+        with (
+            ending_signals_call(lambda: loop.call_soon_threadsafe(ended.set)),
+            running(PanelLine(device, endpoint, period=period, check=check)) as line,
+        ):
             server = PanelServer(line, writable=writable, world=world)
             await server.start(port)
             print(f"panel {server.url}", flush=True)

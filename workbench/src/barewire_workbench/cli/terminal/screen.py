@@ -25,7 +25,7 @@ from textual.strip import Strip
 from textual.widgets import Input, Static
 
 from barewire.errors import EncodeError
-from barewire_workbench.cli.ending import on_ending_signals
+from barewire_workbench.cli.ending import ending_signals_call
 
 WRONG = Style(color="red", bold=True)
 FAINT = Style(dim=True)
@@ -172,7 +172,7 @@ class Ask(ModalScreen[Any]):
         """Make the box."""
         with Vertical() as box:
             box.border_title = self._title
-            box.border_subtitle = "Esc: back"
+            box.border_subtitle = "Esc: back" if self._text is None else "Enter: go on, Esc: back"
             yield Lines()
             if self._text is not None:
                 yield Input(self._text, select_on_focus=False, compact=True)
@@ -255,8 +255,8 @@ def run_screen(app: App[None]) -> int:
 
     async def run() -> None:
         loop = asyncio.get_running_loop()
-        on_ending_signals(lambda: loop.call_soon_threadsafe(app.exit))
-        await app.run_async()
+        with ending_signals_call(lambda: loop.call_soon_threadsafe(app.exit)):
+            await app.run_async()
 
     asyncio.run(run())
     return app.return_code or 0

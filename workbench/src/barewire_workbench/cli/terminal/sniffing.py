@@ -86,7 +86,7 @@ w          write the rows that are shown as a recording
         self._save = save
         self._rows: deque[Row] = deque()
         self._shown: deque[Row] = deque()
-        self._below: Row | None = None
+        self._below: object = self  # the row that is explained; of none at first
         self._lines_below: list[tuple[str, bool]] | None = None
         self._diagnosing = False
         self._widths = {"time": 12 if heard.live else 4, "who": 4, "what": 5}
@@ -186,7 +186,7 @@ w          write the rows that are shown as a recording
             if lines != self._lines_below:
                 self._lines_below = lines
                 self._lower.show(lines)
-        elif row is not self._below or row is None:
+        elif row is not self._below:
             self._below = row
             self._lower.border_title = "explanation"
             lines = [("nothing was heard yet", False)]
@@ -213,7 +213,7 @@ w          write the rows that are shown as a recording
     def action_diagnosis(self) -> None:
         """Show the diagnosis of the line, or the explanation again."""
         self._diagnosing = not self._diagnosing
-        self._below, self._lines_below = None, None
+        self._below, self._lines_below = self, None
         self._show_below()
 
     def action_errors(self) -> None:
