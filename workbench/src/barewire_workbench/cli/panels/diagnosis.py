@@ -32,7 +32,7 @@ class LastFrames:
 
     >>> from barewire import load
     >>> last = LastFrames(load("adxl"), "rtu:///dev/x")
-    >>> last.take("sent", bytes.fromhex("01 04 0F 83 00 02 83 2B"), 0.0)
+    >>> last.take("sent", bytes.fromhex("01 04 0F 83 00 02 83 37"), 0.0)
     >>> last.take("received", bytes.fromhex("01 84 06 C3 02"), 0.1)
     >>> last.diagnosis()["verdicts"][0][0]
     'a device refused or reported something [refused]'
