@@ -173,7 +173,8 @@ RTU: dict[str, Habit] = {
         frozenset({"byte-lost", "turnaround", "disturbed", "cut-frame"}), played(answer(lambda _, __, data: data[1:]))
     ),
     "last byte lost": Habit(
-        frozenset({"byte-lost", "turnaround", "disturbed", "cut-frame"}), played(answer(lambda _, __, data: data[:-1]))
+        frozenset({"byte-lost", "turnaround", "disturbed", "cut-frame", "byte-count"}),  # in one of 256 the CRC fits
+        played(answer(lambda _, __, data: data[:-1])),
     ),
     "half an answer": Habit(
         frozenset({"cut-frame", "disturbed", "byte-lost"}),

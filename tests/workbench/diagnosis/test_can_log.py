@@ -55,7 +55,8 @@ FAULTS: dict[str, tuple[list[Any], list[str], str]] = {
         timed("605#4341600000000000", "585#8041600001000405"), ["sdo-read-command"], "nothing-proved",
     ),
     "an emergency without its error bit": (timed("085#1042000000000000"), ["emcy-register"], "nothing-proved"),
-    "a restricted identifier": (timed("6E1#00"), ["foreign-cob-id"], "nothing-proved"),
+    "a restricted identifier": (timed("705#05", "6E1#00"), ["foreign-cob-id"], "nothing-proved"),
+    "a restricted identifier, where no node of CANopen is heard": (timed("7DF#0100"), [], "open"),
     "a PDO of a node that is not operational": (timed("705#7F", "185#0102030405060708"), ["state"], "nothing-proved"),
     "a stopped node that is asked": (
         [*timed("705#04", READ), *timed("705#04", "705#04", start=5.0)], ["state"], "nothing-proved",
@@ -75,7 +76,7 @@ FAULTS: dict[str, tuple[list[Any], list[str], str]] = {
         [pair for at in range(5) for pair in timed(READ, ANSWER, ANSWER, start=1.0 * at)], ["two-units"], "two-units",
     ),
     "a wrong bit rate": ([(0.001 * at, ErrorFrame(0x88)) for at in range(20)], ["bit-rate"], "bit-rate"),
-    "no other node": ([(0.001 * at, ErrorFrame(0x20)) for at in range(20)], ["bit-rate"], "not-acknowledged"),
+    "no other node": ([(0.001 * at, ErrorFrame(0x20)) for at in range(20)], [], "not-acknowledged"),
     "an error counter of 128": (
         [(0.0, ErrorFrame(0x88)), (0.001, ErrorFrame(0x04, bytes.fromhex("0020000000008000")))],
         ["bit-rate"], "bit-rate",

@@ -453,7 +453,7 @@ def test_one_frame_with_a_fault_is_no_frame_of_another_protocol(time: str) -> No
     """Its first bytes are those of a header of Modbus TCP: 01 03, 00 00, 00 02."""
     findings, verdicts = diagnosed(f"{time}01 03 00 00 00 02 0B C4\n".encode())
     assert [found.finding.code for found in findings] == ["crc-swapped"]
-    assert [verdict.code for verdict in verdicts] == ["malformed"]
+    assert [verdict.code for verdict in verdicts] == ["nothing-proved"]  # a device that builds frames so does it again
 
 
 def test_seven_bits_and_parity_read_as_eight_bits() -> None:

@@ -22,6 +22,10 @@ from barewire_workbench.diagnosis.texts import verdict_without_bytes
         ("[08:24:49][W][modbus:126]: Modbus CRC Check failed! C071!=00", "a checksum", "direction: BOTH"),
         ("response transaction id '82' does not match request '83' error", "late by one", "bytes"),
         ("it failed", "does not say what failed", "tcpdump"),
+        ("Failed to get data of the meter", "does not say what failed", "tcpdump"),
+        ("could not open port '/dev/ttyUSB0': [Errno 13] Permission denied", "another program", "sniff"),
+        ("no sdo response recieved", "no answer came", "candump"),
+        ("can0: bus-off", "left the bus", "candump"),
     ],
 )
 def test_the_verdict_says_what_the_words_state_and_how_to_get_the_bytes(text: str, states: str, program: str) -> None:
@@ -32,8 +36,9 @@ def test_the_verdict_says_what_the_words_state_and_how_to_get_the_bytes(text: st
     assert program in verdict.evidence
 
 
-def test_a_text_that_reports_no_failure_has_no_verdict() -> None:
-    assert verdict_without_bytes("a shopping list") is None
+@pytest.mark.parametrize("text", ["a shopping list", "01 03 00 0G", "", "12.5", "abc\0def: it failed"])
+def test_what_is_no_message_has_no_verdict(text: str) -> None:
+    assert verdict_without_bytes(text) is None
 
 
 def test_a_text_with_bytes_that_no_form_reads_is_not_called_one_without() -> None:

@@ -74,6 +74,7 @@ class BusCounts:
 
     def __init__(self) -> None:
         self.frames = 0
+        self.received = 0  # frames that the recorder did not send itself
         self.fd_frames = 0
         self.errors = 0
         self.unacknowledged = 0
@@ -92,8 +93,8 @@ class BusCounts:
         self.overlaps: list[str] = []  # proofs that two masters use the bus
         self._answers: dict[int, tuple[float, bytes]] = {}  # node -> the last answer since the last request
 
-    def note(self, frame: object, now: float) -> None:
-        """Count a frame or error frame."""
+    def note(self, frame: object, now: float, sent: bool | None = None) -> None:
+        """Count a frame or error frame; `sent`: by the recorder."""
         self.first = now if self.first is None else self.first
         self.last = max(self.last, now)
         if isinstance(frame, ErrorFrame):
@@ -104,6 +105,7 @@ class BusCounts:
                 self.counter = max(self.counter, *frame.data[6:8], 0)
             return
         self.frames += 1
+        self.received += sent is not True
         self.fd_frames += isinstance(frame, FdFrame)
         owner = classify(frame) if isinstance(frame, CanFrame) and not frame.remote else None
         if owner is not None and owner[0].from_device and owner[1]:
@@ -152,7 +154,7 @@ class BusCounts:
 
     def verdicts(self) -> list[LineVerdict]:
         """Return the verdicts that the numbers show, those that explain most first."""
-        if not self.frames:
+        if not self.received and (self.errors or not self.frames):
             return [self._no_frames()] if self.errors >= PROVES or self.counter >= ERROR_PASSIVE else []
         verdicts = [*self._silence(), *self._two_masters(), *self._two_nodes()]
         if self.errors >= PROVES:
@@ -164,6 +166,8 @@ class BusCounts:
 
     def _no_frames(self) -> LineVerdict:
         evidence = f"{counted(self.errors, 'error frame')} and not one good frame {self._seconds()}"
+        if self.frames:
+            evidence = f"{counted(self.errors, 'error frame')}, and only own frames {self._seconds()}: {self.frames}"
         if self.counter:
             evidence += f"; an error counter of the controller is {self.counter}"
         if self.unacknowledged == self.errors:
@@ -336,14 +340,16 @@ class BusDiagnosis:
             f"<{type(self).__name__}: {counted(self.counts.frames, 'frame')}, {counted(self.found.total, 'finding')}>"
         )
 
-    def feed(self, item: AnyFrame | Dropped | None, now: float, line: int = 0) -> list[LogFinding]:
-        """Take a frame, or None if only time has passed. Return the findings that it proves."""
+    def feed(
+        self, item: AnyFrame | Dropped | None, now: float, line: int = 0, sent: bool | None = None
+    ) -> list[LogFinding]:
+        """Take a frame, or None if only time has passed. Return the findings that it proves. `sent`: by us."""
         proofs: list[Proved] = []
         if isinstance(item, ErrorFrame):
             proofs += self._error_frame(item, now)
         elif item is not None and not isinstance(item, Dropped):
-            self._errors = 0
-            self.counts.note(item, now)
+            self._errors = 0 if sent is not True else self._errors
+            self.counts.note(item, now, sent)
             if isinstance(item, CanFrame):
                 proofs += self._frame(item, now, line)
         frame = item if isinstance(item, CanFrame) else None
@@ -351,6 +357,12 @@ class BusDiagnosis:
         known_codes: set[DiagnosisCode] = {proved.finding.code for proved in proofs}
         if known_codes:
             known_codes |= {"bus-rule", "cut-frame"}
+        if frame is not None and frame.id & 0x7F and not self.counts.heard:
+            foreign = [proved for proved in proofs if proved.finding.code == "foreign-cob-id"]
+            # On a bus without CANopen an identifier that CANopen does not use is no fault.
+            if foreign:
+                self.unsettled.open["frame with an identifier outside CANopen"] += len(foreign)
+            proofs = [proved for proved in proofs if proved not in foreign]
         for event in self.monitor.feed(item, now):
             proofs += [proved for proved in self._event(event, frame) if proved.finding.code not in known_codes]
         return self._at(proofs, now, line)
@@ -405,6 +417,8 @@ class BusDiagnosis:
         self.unsettled.refused["error frame of the controller"] += 1
         self.counts.note(frame, now)
         self._errors += self.counts.errors - before
+        if self.counts.unacknowledged == self.counts.errors and not self.counts.received:
+            return  # no other node is on the bus, or none with this bit rate: the verdict says both
         is_passive = counter < ERROR_PASSIVE <= self.counts.counter and self._errors < PROVES
         if is_passive or (self._errors == PROVES and self.counts.errors > before):
             good = counted(self.counts.frames, "good frame") if self.counts.frames else "no good frame"
@@ -611,7 +625,7 @@ from node 5: operational']
                 other.bus = f"bus {name}"
         if isinstance(item, Dropped):
             return bus.feed(item, item.at)
-        return bus.feed(item.frame, item.at, item.line)
+        return bus.feed(item.frame, item.at, item.line, item.sent)
 
     def end(self) -> list[LogFinding]:
         """End the recording, and return the last findings."""

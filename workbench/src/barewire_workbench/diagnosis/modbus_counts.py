@@ -98,7 +98,7 @@ class LineCounts:
     def verdicts(self) -> list[LineVerdict]:
         """Return the verdicts that the numbers show, those that explain most first."""
         verdicts = [*self._readings(), *self._direction(), *self._two_masters(), *self._addresses()]
-        if not verdicts and not self.frames and self.bursts:
+        if not verdicts and not self.frames and self.kinds["no-frame"]:
             verdicts.append(self._no_frames())
         damaged = self.bursts - self.first_lost - self.last_lost
         explained = {verdict.code for verdict in verdicts} - {"dead-unit", "no-answers", "echo", "two-masters"}
@@ -123,7 +123,7 @@ class LineCounts:
             number = self.codes[code]
             if code in _LEVELS and number < most:
                 continue
-            alone = not self.frames and 2 * number > self.bursts
+            alone = not self.frames and 2 * number > self.bursts and (number > 1 or verdict != "malformed")
             if alone or (number >= PROVES and number >= _SHARE * (self.frames + self.bursts)):
                 evidence = f"{number} of {counted(self.bursts, 'damaged piece')} are good frames then"
                 evidence += f"; {counted(self.frames, 'frame')} read as they were sent"

@@ -31,6 +31,7 @@ from barewire_workbench.diagnosis.exchange import (
 )
 from barewire_workbench.diagnosis.modbus_counts import LineCounts
 from barewire_workbench.diagnosis.modbus_pieces import WEAK, Examiner, Piece, TrackedLine
+from barewire_workbench.diagnosis.tcp import diagnose_tcp
 from barewire_workbench.diagnosis.verdict import (
     FindingCounts,
     LineVerdict,
@@ -231,7 +232,7 @@ class LineDiagnosis:
         is_burst = answered or len(set(noise.data)) == 1  # one level that stays, read as the same byte again and again
         is_long = len(noise.data) > (_BURST if is_burst else _STRAY)
         if is_long or self.protocol == "tcp" or self._begins_answer(noise):
-            yield from self._damaged(noise)
+            yield from self._damaged(noise, is_first=not self.counts.frames and after is not None and after.joined)
         elif after is not None and after.adu is not None and self._beside(noise, after):
             self.counts.longest_noise = max(self.counts.longest_noise, len(noise.data))
             if role == "response":
@@ -265,8 +266,9 @@ class LineDiagnosis:
         proof = f"{shown_digits(noise.data)} beside the good frame {shown_digits(frame.data)}"
         return Located(frame.adu.unit, Finding(code, text, proof), noise.end, noise.line)
 
-    def _damaged(self, noise: Piece) -> Iterator[Located]:
-        """Diagnose bytes that should be a frame: the response to the open request, or anything."""
+    def _damaged(self, noise: Piece, *, is_first: bool) -> Iterator[Located]:
+        """Diagnose bytes that should be a frame: the response to the open request, or anything. `is_first`: they begin
+        the log, and a frame follows at once."""
         counts, asked, begins = self.counts, self._asked, False
         counts.bursts += 1
         unit = 0
@@ -296,6 +298,10 @@ class LineDiagnosis:
         findings = self._examiner.findings(noise.data, role, good=counts.frames >= PROVES)
         if unit and findings and findings[0].code in WEAK and not begins:
             findings = []  # what is no answer to this request may look like the beginning of any
+        if is_first and findings and findings[0].code == "byte-lost" and findings[0].text.startswith("the first"):
+            counts.bursts -= 1
+            self.unsettled.unseen.append("the beginning of the first frame, before which the log begins")
+            return
         if findings:
             counts.kinds[findings[0].code] += 1
             counts.codes.update({finding.code for finding in findings})
@@ -626,7 +632,7 @@ class ModbusLogDiagnosis:
         protocol: SerialProtocol | None = None,
         on_event: Callable[[SnifferEvent, ProtocolName], object] = _ignore,
     ) -> None:
-        self.log = log
+        self.log = log = _with_framing(log)
         self._on_event = on_event
         self.lines: dict[str, LineDiagnosis] = {}
         self._tracked: dict[str, list[TrackedLine]] = {}
@@ -688,6 +694,25 @@ class ModbusLogDiagnosis:
         """Return the verdicts on each line or connection, with its name; the name is empty if there is only one."""
         named = list(self.lines.items()) or [("", LineDiagnosis("rtu"))]
         return [(diagnosis.name, verdict) for _, diagnosis in named for verdict in diagnosis.verdicts()]
+
+
+def _with_framing(log: ModbusLog) -> ModbusLog:
+    """Return a log without any whole frame as one of Modbus TCP, if that framing explains what is wrong with one."""
+
+    def is_tcp(data: bytes) -> bool:
+        codes = {finding.code for finding in diagnose_tcp(data)} if data[2:4] == b"\0\0" else set()
+        return bool(codes & {"mbap-header", "header-byte-order", "byte-count", "noise-after", "noise-before"})
+
+    pieces = [item for item in log.items if isinstance(item, LoggedBytes)]
+    if any(item.protocol is not None for item in pieces) or not any(is_tcp(item.data) for item in pieces):
+        return log
+    items = (
+        item._replace(protocol="tcp", from_client=item.from_client is not False)
+        if isinstance(item, LoggedBytes)
+        else item
+        for item in log.items
+    )
+    return log._replace(items=tuple(items))
 
 
 class LiveDiagnosis:

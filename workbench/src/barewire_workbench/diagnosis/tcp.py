@@ -143,7 +143,7 @@ def _header(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
 def _frames_inside(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
     """Good frames up to the end, or with a part of another behind them; or noise before them."""
     for first in range(len(data) - SHORTEST + 1):
-        frames = list(_frames_from(data, first))
+        frames = list(_frames_from(data, first, role))
         end = first + sum(len(frame) for frame, _ in frames)
         if not frames or (first and end < len(data)):
             continue
@@ -172,13 +172,13 @@ def _before(data: bytes, first: int) -> str:
     return f"{counted(first)} before the frame"
 
 
-def _frames_from(data: bytes, at: int) -> Iterator[tuple[bytes, Explanation]]:
+def _frames_from(data: bytes, at: int, role: FrameRole | None) -> Iterator[tuple[bytes, Explanation]]:
     while True:
         length = int.from_bytes(data[at + 4 : at + 6], "big")
         frame = data[at : at + PREFIX + length]
         if len(frame) != PREFIX + length or not SHORTEST <= len(frame) <= LONGEST:
             return
-        if (good := good_tcp(frame)) is None:
+        if (good := good_tcp(frame, role)) is None:
             return
         yield frame, good
         at += len(frame)

@@ -24,7 +24,7 @@ _CANDUMP = "candump -L can0 > bus.log, and ip -details -statistics link show can
 _PROGRAMS: tuple[tuple[str, str, str], ...] = (
     (
         "Home Assistant",
-        r"homeassistant|custom_components|SyncWorker_\d",
+        r"homeassistant|custom_components|SyncWorker_\d|configuration\.yaml|Pymodbus: \w+: |hass\b",
         "in configuration.yaml the lines `logger:`, `  logs:`, `    pymodbus: debug`",
     ),
     (
@@ -32,7 +32,10 @@ _PROGRAMS: tuple[tuple[str, str, str], ...] = (
         r"contribModbus|node-red|modbus-getter|modbus-client|\bFSM \w+",
         "DEBUG=contribModbus*,modbus-serial node-red -v",
     ),
-    ("evcc", r"\bevcc\b|\[site *\]|\[lp-\d", "evcc --log trace"),
+    ("evcc", r"\bevcc\b|\[site *\]|\[lp-\d|cannot create (?:meter|charger|vehicle)", "evcc --log trace"),
+    ("openHAB", r"(?i)openhab", "in its console log:set TRACE net.wimpi.modbus"),
+    ("ioBroker", r"(?i)iobroker|Poll error count|\bmodbus\.\d+ \(", "the log level debug (or silly) of the instance"),
+    ("modbus-proxy", r"modbus-proxy|modbus_proxy", "the level DEBUG in its logging section"),
     (
         "Telegraf",
         r"telegraf|\[inputs\.modbus\]",
@@ -44,6 +47,16 @@ _PROGRAMS: tuple[tuple[str, str, str], ...] = (
         "under `uart:` the lines `debug:`, `  direction: BOTH`, and `level: DEBUG` under `logger:`",
     ),
     ("mbpoll", r"mbpoll|-- Polling slave", "mbpoll -v"),
+    ("mbusd", r"\bmbusd\b", "mbusd -d -v 9"),
+    ("pyModbusTCP", r"pyModbusTCP", 'logging.getLogger("pyModbusTCP").setLevel(logging.DEBUG)'),
+    ("esp-modbus", r"MB_(?:CONTROLLER|PORT|TCP|SERIAL)|mb[cm]_\w+|mb_port", 'esp_log_level_set("*", ESP_LOG_DEBUG)'),
+    ("eModbus", r"eModbus|ModbusClient(?:RTU|TCP)|handleError", "the build flag -DLOG_LEVEL=6"),
+    (
+        "NModbus",
+        r"NModbus|Modbus\.(?:\w+\.)*\w*Exception\b",
+        "a ConsoleModbusLogger(LoggingLevel.Trace) for ModbusFactory",
+    ),
+    ("tokio-modbus", r"tokio[-_]modbus", "RUST_LOG=trace"),
     (
         "pymodbus",
         r"pymodbus|Modbus Error: \[|ModbusIOException|\[Input/Output\]|Exception Response\(",
@@ -75,13 +88,14 @@ _PROGRAMS: tuple[tuple[str, str, str], ...] = (
     ("CANopenNode", r"canopend|CO_\w+|#SDO protocol timed out", _CANDUMP),
     (
         "canopen",
-        r"canopen\.|canopen[/\\]|Sdo(?:Aborted|Communication)Error|boot-up message|statusword|trying to change state",
+        r"canopen\.|canopen[/\\]|Sdo(?:Aborted|Communication)Error|boot-?up message|wait_for_bootup|statusword|"
+        r"trying to change state|(?i:no sdo response|aborted by client with code)",
         _CANDUMP,
     ),
     (
         "a program on CAN",
-        r"socketcan|\bcan\d\b|CanError|CanOperationError|No buffer space|canopen::|canopen_|[Aa]bort code|"
-        r"SDO|Transition timeout",
+        r"(?i)socketcan|\bv?can\d\b|Can(?:Operation|Initialization)?Error|No buffer space|canopen|abort code|"
+        r"\bSDO\b|\bPDO\b|\bNMT\b|\bEMCY\b|bus[- ]?off|heartbeat|boot-?up|Transition timeout",
         _CANDUMP,
     ),
 )
@@ -95,6 +109,17 @@ _STATED: tuple[tuple[str, str], ...] = (
         "the connection is refused: nothing listens on the port, or no further client is taken",
     ),
     (r"unreachable|No route to host|EHOSTUNREACH", "the host is not reached"),
+    (
+        r"(?i)could not open port|no such file|cannot open|Port Not Open|Port is (?:not open|closed)|No such device",
+        "the port or interface cannot be opened",
+    ),
+    (
+        r"(?i)permission denied|access (?:is )?denied|resource busy|already (?:open|in use)|EBUSY|EACCES|"
+        r"multiple access",
+        "another program has the port, or this one may not open it",
+    ),
+    (r"(?i)network is down|ENETDOWN", "the interface is not up"),
+    (r"(?i)bus[- ]?off|error[- ]passive", "the CAN controller has left the bus, or is about to, for errors"),
     (r"Errno -[235]\]|getaddrinfo|Name or service", "the name of the host is not known"),
     (
         r"unexpectedly closed|reset by peer|ECONNRESET|IncompleteReadError|[Cc]onnection (?:lost|closed)",
@@ -104,30 +129,36 @@ _STATED: tuple[tuple[str, str], ...] = (
         r"Failed to connect|connect failed|dial tcp .*timeout|failed: timed out|FSM|Port Not Open|could not open",
         "there is no connection",
     ),
-    (r"CRC|[Cc]hecksum", "a checksum was wrong"),
+    (r"\bCRC|_CRC|[Cc]hecksum|\bLRC\b", "a checksum was wrong"),
     (
-        r"[Ll]ength error|data size|WRONG_BYTES|[Ll]ength is invalid|not corresponding|count does not match",
+        r"[Ll]ength error|data size|WRONG_BYTES|(?i:length is invalid|invalid (?:\w+ )?length|incomplete|too short)|"
+        r"not corresponding|count does not match|expected \d+ (?:bytes )?(?:but )?got \d+",
         "an answer had another length",
     ),
     (r"[Uu]nable to decode", "an answer was not understood"),
     (
-        r"slave id '?\d+'? does not match|ask for id=|was expected but slave|not from requested slave|Wrong slave",
+        r"(?i)(?:slave|unit|device) id '?\d+'? does not match|ask for (?:dev_)?id=|was expected but slave|"
+        r"not from requested slave|wrong (?:slave|unit|device)",
         "an answer came from another unit",
     ),
     (r"No buffer space|CANsend\) Transmitting", "frames cannot be sent: no other node acknowledges, or the bus is off"),
     (
-        r"(?i)no (?:sdo )?response|no answer|time[ds]?[- ]?out|ETIMEDOUT|not receive a response|no communication|"
-        r"offline|waiting for",
+        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|time[ds]?[-_ ]?out|(?:not|n't) (?:receive|respond|answer|get)|"
+        r"no communication|offline|waiting for",
         "no answer came in time",
     ),
 )
 """What the words of a message state, most telling first."""
-_FAILS = re.compile(
-    r"(?i)error|fail|exception|time[- ]?d?[- ]?out|result|refused|no response|abort|\berr\b|offline|duplicate|reset|"
-    r"no buffer"
+_IS_MESSAGE = re.compile(
+    r"(?i)err|fail|exception|time[- ]?d?[- ]?out|result|refused|respon|answer|abort|offline|duplicate|reset|"
+    r"no buffer|match|wrong|invalid|unable|cannot|denied|lost|closed|\bdown\b|\bbusy\b|bus[- ]?off|"
+    r"modbus|slave|canopen|\bsdo\b|wait_for"
 )
-_BYTES = re.compile(r"(?i)\b[0-9a-f]{2}([ ,:.-])(?:[0-9a-f]{2}\1){3}[0-9a-f]{2}\b")
-"""Five bytes with one separator; dates, times and addresses of hosts have fewer."""
+"""Words of programs on a line or bus, and of failures; a text without them is no message of either."""
+_BYTES = re.compile(
+    r"(?im)\b[0-9a-f]{2}([ ,:.-])(?:[0-9a-f]{2}\1){3}[0-9a-f]{2}\b|^\s*[0-9a-f]{2}(?: [0-9a-f]{2}){2,}\s*$"
+)
+"""Five bytes with one separator, or three that are a line; dates, times and addresses of hosts have fewer."""
 _NUMBER = re.compile(r"(?i)exception[ _]?(?:code)?[\"']?\s*[:=]?\s*[('\"]*(0x[0-9a-f]{1,2}|\d{1,2})\b(?!\d)(?!,)")
 _NAMES = {
     "illegalfunction": 1,
@@ -139,11 +170,18 @@ _NAMES = {
     "devicefailure": 4,
     "slavebusy": 6,
     "devicebusy": 6,
+    "serverfailure": 4,
+    "serverbusy": 6,
+    "memoryparityerror": 8,
+    "gatewaypathunavailable": 10,
+    "gatewaypathsunavailable": 10,
     "gatewaynoresponse": 11,
+    "targetdevicefailedtorespond": 11,
 }
 _NAME = re.compile(
-    r"(?i)illegal[ _]?(?:function|(?:data[ _]?)?(?:address|value))|(?:slave|device)[ _]?(?:failure|busy)|"
-    r"gateway[ _]?no[ _]?response"
+    r"(?i)illegal[ _]?(?:function|(?:data[ _]?)?(?:address|value))|(?:slave|server|device)[ _]?(?:failure|busy)|"
+    r"gateway[ _]?(?:no[ _]?response|paths?[ _]?unavailable)|memory[ _]?parity[ _]?error|"
+    r"target[ _]?device[ _]?failed[ _]?to[ _]?respond"
 )
 _EXCEPTION = re.compile(r"Exception Response\(|exceptionCode|SlaveException")
 _ABORT = re.compile(r"\b0x(0[568][0-9A-Fa-f]{6})\b")
@@ -153,12 +191,12 @@ _TRANSACTIONS = re.compile(
 
 
 def verdict_without_bytes(text: str) -> LineVerdict | None:
-    """Return the verdict on a text that holds no bytes; None if it is no message of a failure.
+    """Return the verdict on a text that holds no bytes; None if it has some, or is no message.
 
     >>> verdict_without_bytes("Modbus Error: [Input/Output] No Response received from the remote unit").code
     'no-bytes'
     """
-    if _FAILS.search(text) is None or _BYTES.search(text):
+    if "\0" in text or _IS_MESSAGE.search(text) is None or _BYTES.search(text):
         return None
     program, how = next(
         ((name, how) for name, words, how in _PROGRAMS if re.search(words, text, re.MULTILINE)), ("", _ANY_PROGRAM)
@@ -170,14 +208,17 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
 
 
 def is_text(log: ModbusLog) -> bool:
-    """Return whether the bytes that were read from words are too few for a frame: digits of a message.
+    """Return whether the bytes that were read from words are no frame and too few for one: digits of a message.
 
     >>> from barewire_workbench.recordings.modbus_log import read_modbus_log
     >>> is_text(read_modbus_log(b"0x03 (RES) Exception (2): Illegal Data Address"))
     True
     """
-    pieces = [len(item.data) for item in log.items if isinstance(item, LoggedBytes)]
-    return log.form in _GENERAL_FORMS and max(pieces, default=0) < _SHORTEST and sum(pieces) < _SHORTEST * 2
+    items = [item for item in log.items if isinstance(item, LoggedBytes)]
+    pieces = [len(item.data) for item in items]
+    is_few = max(pieces, default=0) < _SHORTEST and sum(pieces) < _SHORTEST * 2
+    is_name = len(pieces) == 1 and pieces[0] < _SHORTEST * 2 and items[0].protocol is None  # of an adapter, or a number
+    return log.form in _GENERAL_FORMS and (is_few or is_name)
 
 
 def _numbered(text: str) -> list[str]:

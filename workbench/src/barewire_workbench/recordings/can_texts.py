@@ -303,8 +303,8 @@ def _trc_error(line: str, token: str) -> bool:
 
 _CSV_HEAD = "timestamp,arbitration_id,extended,remote,error,dlc,data"
 _PRINTED = re.compile(
-    r"\s*Timestamp:\s+(?P<at>\d{1,12}\.\d{1,9})\s+ID:\s+(?P<id>[0-9a-f]{1,8})\s+(?P<kind>[SX])\s?"
-    r"(?P<flags>[A-Za-z ]{0,20}?)\s*DL:\s+(?P<length>\d{1,2})(?P<bytes>(?:\s+[0-9a-f]{2}(?![0-9a-z]))*)(?P<rest>.*)$"
+    r"(?P<logger>.{0,200}?)\bTimestamp:\s+(?P<at>\d{1,12}\.\d{1,9})\s+ID:\s+(?P<id>[0-9a-f]{1,8})\s+(?P<kind>[SX])\s?"
+    r"(?P<flags>[A-Za-z ]{0,20}?)\s*DLC?:\s+(?P<length>\d{1,2})(?P<bytes>(?:\s+[0-9a-f]{2}(?![0-9a-z]))*)(?P<rest>.*)$"
 )
 _PRINTED_CHANNEL = re.compile(r"Channel:\s+(\S+)")
 _CSV_ROW = re.compile(
@@ -342,7 +342,8 @@ def read_python_can_text(text: str | Iterable[str]) -> Iterator[RecordedItem]:
             continue
         now = float(found["at"])
         channel = _PRINTED_CHANNEL.search(found["rest"]) if found.re is _PRINTED else None
-        sent = ("Tx" in found["flags"]) if found.re is _PRINTED and re.search("[RT]x", found["flags"]) else None
+        directions = found["logger"] + found["flags"] if found.re is _PRINTED else ""
+        sent = "tx" in directions.lower() if re.search("(?i)[rt]x", directions) else None
         yield Recorded(now, channel[1] if channel else "", frame, number, sent)
 
 

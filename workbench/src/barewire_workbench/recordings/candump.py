@@ -44,6 +44,8 @@ _DROPS = re.compile(r"DROPCOUNT: dropped (\d+) CAN frames? on '([^']*)'")
 _LOG = re.compile(r"\((\d{1,12}(?:\.\d{1,12})?)\)\s+(\S+)\s+([0-9A-Fa-f]+#\S*)(?:\s+[RT])?\s*$")
 _NUMBER = re.compile(r"\d{1,12}(?:\.\d{1,12})?", re.ASCII)
 _TIME = re.compile(r"\(([^()]*)\)\s*")
+_DIRECTION = re.compile(r"\S+\s+(RX|TX)\s+[-B]\s+[-E]\s")
+_SENT = {"T": True, "R": False}
 _COLUMNS = re.compile(
     r"(?P<bus>\S+)\s+(?:(?:RX|TX)\s+[-B]\s+[-E]\s+)?(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+"
     r"(?P<open>[\[{])(?P<length>[0-9A-Fa-f]{1,2})[\]}](?P<rest>.*)$"
@@ -251,9 +253,10 @@ def read_candump(text: str | Iterable[str], differences: bool | None = None) -> 
             rest = plain[stamp.end() :] if stamp else plain
             bus, _, after = rest.partition(" ")
             if "#" in after and (log := after.split()) and "#" in log[0]:
-                yield Recorded(now, bus, parse_frame(log[0]), number)
+                yield Recorded(now, bus, parse_frame(log[0]), number, _SENT.get(log[-1]))
             else:
-                yield Recorded(now, *parse_columns(rest), number)
+                shown = _DIRECTION.match(rest)
+                yield Recorded(now, *parse_columns(rest), number, shown and _SENT[shown[1][0]])
         except DecodeError as error:
             yield unread(now, number, error, line)
         except ValueError:

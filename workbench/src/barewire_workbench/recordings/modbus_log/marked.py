@@ -137,11 +137,10 @@ def recorder_is_client(entries: Sequence[LogEntry], protocol: ProtocolName | Non
         pdu = None if entry.data is None or protocol is None else frame_pdu(protocol, entry.data)
         if entry.sent is None or not pdu:
             continue
+        began = entry.sent if began is None else began
         request, response = shapes(pdu)
         if request != response:
             votes += 1 if request == entry.sent else -1
-        elif began is None:
-            began = entry.sent
     return began if votes == 0 else votes > 0
 
 
@@ -182,7 +181,7 @@ def _frames(data: bytes) -> list[bytes]:
 
 
 _WORD = re.compile(
-    r"(?<![A-Za-z])(?:"
+    r"(?:(?<![A-Za-z])|(?-i:(?<=[a-z])(?=[A-Z])))(?:"
     r"(?P<asked>requests?|req|query)|(?P<answered>responses?|resp|reply|answers?)"
     r"|(?P<sent>IRP_MJ_WRITE|sends?|sent|sending|txd?|transmit|transmitted|transmitting|wrote)"
     r"|(?P<received>IRP_MJ_READ|rec|recv|recd|rcv|rcvd|receives?|received|receiving|rxd?|got)"
@@ -207,8 +206,10 @@ _NUMBER = re.compile(r"(?i)(?<![A-Za-z])(?:tx|rx):\d{4,8}-")
 _SINGLE = re.compile(r"(?:(?<![\w.])(?:0x|\\x)|[:=<>\]\[-]\s{0,9})([0-9A-Fa-f]{2})[\]>]?\s*$")
 """One byte alone: a part of a frame, as slow adapters deliver it. Without a mark it would be a number of bytes."""
 _FEW = re.compile(
-    r"""[\s\[<({'"]*(?P<digits>(?:(?:0[xX]|\\x)?[0-9A-Fa-f]{1,6}[\s,;:.|\-\]\[<>'"]{0,4}){1,3})[\])}>]*(?: at \d+)?"""
+    r"""[\s\[<({'"]*(?P<digits>(?:(?:0[xX]|\\x)?[0-9A-Fa-f]{1,6}[\s,;:.|\-\]\[<>'"]{0,4}){1,3})"""
+    r"""[\])}>]*(?: at \d+|\|.*\|)?"""
 )
+_DIGITS = re.compile(r"[0-9A-Fa-f]+")
 _OPENINGS_MAX, _MARKS_WORD = 100, frozenset(":=>])}")
 _COMPLAINT = re.compile(r"(?i)\bCRC\b|checksum|invalid|incomplete|unexpected|discard|garbage|malformed|corrupt")
 """A program says so of what it received. Many print the bytes for a second time."""
@@ -219,7 +220,7 @@ _OFFSET = re.compile(r"[0-9A-Fa-f]{6,8}")
 """What stands before a colon in a line of a dump, and may be a frame by itself: 01B0 is the CRC of 0000."""
 _SHORTEST = 4
 """Bytes of the shortest frame."""
-_NOTHING = re.compile(r"['\"\])]*\s?[:=]\s*(?:b?''|b?\"\")?\s*")
+_NOTHING = re.compile(r"['\"\])]*\s?[:=]\s*(?:b?''|b?\"\"|\[\])?\s*")
 
 
 def read_marked(lines: list[str]) -> FormContent:
@@ -231,14 +232,16 @@ def read_marked(lines: list[str]) -> FormContent:
     entries: list[LogEntry] = []
     known: set[int] = set()
     openings: set[str] = set()  # what stands before bytes
+    before = ""  # the last line with a direction
     open_line = 0  # the line that the next one may continue
     for number, line in enumerate(lines, start=1):
         if not line:
             continue
         marked = _marked(line, number, openings)
         if marked:
-            if not (entries and entries[-1].data == marked[-1].data and _COMPLAINT.search(line)):
+            if not (entries and _is_printed_twice(entries[-1], marked, before, line)):
                 entries += (entry for entry in marked if entry.data is not None or entry.decimal is not None)
+            before = line
             open_line = number
             known.add(number)
         elif open_line == number - 1 and entries and (more := split_octets(line)) and not more.before.strip():
@@ -250,6 +253,20 @@ def read_marked(lines: list[str]) -> FormContent:
             open_line = number
             known.add(number)
     return FormContent(entries, known)
+
+
+def _is_printed_twice(last: LogEntry, marked: list[LogEntry], before: str, line: str) -> bool:
+    """Return whether the bytes of the last entry are printed again at the same time, by another part of the program."""
+    entry = marked[0]
+    if len(marked) > 1 or not entry.data or (entry.data, entry.sent) != (last.data, last.sent):
+        return False
+    if _COMPLAINT.search(line):
+        return True
+    at_once = (
+        entry.stamp is not None and last.stamp is not None and abs(entry.stamp.seconds - last.stamp.seconds) < 0.02
+    )
+    words = [_WORD.sub("", _DIGITS.sub("", text)) for text in (before, line)]
+    return at_once and entry.sent is not None and words[0] != words[1]
 
 
 def _marked(line: str, number: int, openings: set[str]) -> list[LogEntry]:
@@ -280,7 +297,12 @@ def _directed(plain: str, number: int, openings: set[str] | frozenset[str] = fro
         return []
     if found is None:
         # "recv: " without bytes
-        return [LogEntry(number, None)] if _NOTHING.fullmatch(plain[word.end() :].strip()) else []
+        data = b"" if sent is False or from_client is False else None  # nothing came, or it is in the next lines
+        return (
+            [LogEntry(number, data, sent, from_client, None, data)]
+            if _NOTHING.fullmatch(plain[word.end() :].strip())
+            else []
+        )
     if word.re is _COMPLAINT and len(found.data or found.decimal or b"") < _SHORTEST:
         return []  # of a message: "failed! 8011!=FFFF"
     return [LogEntry(number, found.data, sent, from_client, None, found.decimal)]
@@ -292,11 +314,14 @@ def _few(plain: str, openings: Iterable[str]) -> Octets | None:
     words = [
         text[: word.end() + 1] for word in _WORD.finditer(text) if text[word.end() : word.end() + 1] in _MARKS_WORD
     ]
+    words += [text[: mark.end()] for mark in _MARK.finditer(text)]
     before = max((opening for opening in [*openings, *words] if text.startswith(opening)), key=len, default="")
     found = _FEW.fullmatch(text[len(before) :])
     if not before or found is None:
         return None
     tokens = re.findall("[0-9A-Fa-f]+", re.sub(r"0[xX]|\\x", " ", found["digits"]))
+    if len(tokens) == 1 and before not in openings:
+        return None  # a number: "ReadRequest: 3"
     decimal = bytes(map(int, tokens)) if all(token.isdecimal() and int(token) < 256 for token in tokens) else None
     is_hex = all(len(token) < 3 or len(token) % 2 == 0 for token in tokens)
     data = bytes.fromhex("".join(token.rjust(2, "0") for token in tokens)) if is_hex else None

@@ -138,6 +138,9 @@ def _bytes(text: str, number: int) -> bytes:
     try:
         return parse_hex(text)
     except DecodeError as error:
+        octets = split_octets(text)
+        if octets is not None and not octets.before.strip() and (data := octets.data or octets.decimal):
+            return data
         raise DecodeError(error.reason, error.data, error.at, f"line {number}: {error.text}") from None
 
 

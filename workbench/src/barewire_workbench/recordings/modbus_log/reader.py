@@ -16,6 +16,7 @@ from itertools import chain, zip_longest
 from math import inf
 
 from barewire.errors import DecodeError
+from barewire.modbus.messages.registry import decode_request, decode_response
 from barewire_workbench.frames.input import dump_line
 from barewire_workbench.frames.result import ProtocolName
 from barewire_workbench.recordings.capture import (
@@ -58,6 +59,7 @@ from barewire_workbench.recordings.modbus_log.programs import (
 )
 from barewire_workbench.recordings.model import LeftOut, Unread, unread
 from barewire_workbench.recordings.source import RecordingSource
+from barewire_workbench.sniffer import readable
 
 _EARLY_SEGMENTS = 64
 """The most segments that wait for a missing one before it is skipped."""
@@ -543,7 +545,8 @@ def _is_part(entry: LogEntry) -> bool:
     """Return whether an entry has received bytes that are no frame."""
     if not entry.data or (entry.sent is not False and entry.from_client is not False):
         return False
-    return all(frame_pdu(name, entry.data) is None for name in PROTOCOLS)
+    pdus = filter(None, (frame_pdu(name, entry.data) for name in PROTOCOLS))
+    return all(readable(decode_response, pdu) is readable(decode_request, pdu) is None for pdu in pdus if pdu[0] < 0x80)
 
 
 def _bounded(line: str) -> str:
