@@ -31,6 +31,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterable
 from dataclasses import dataclass, replace
 from enum import Enum
+from functools import partial
 from typing import NamedTuple, TypeAlias
 
 from barewire.canopen.configuration.configure import ConciseValue, compare_device, configure_device
@@ -41,7 +42,7 @@ from barewire.canopen.nmt.master import request_state, wait_for_boot_up, wait_fo
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState, NodeState, guarding_request
 from barewire.canopen.sdo import Channel, download, upload
 from barewire.canopen.sdo.channel import channel_to
-from barewire.canopen.sdo.client import write_setting
+from barewire.canopen.sdo.client import repeated, write_setting
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen, Send
 from barewire.errors import BarewireError, DecodeError, NoAnswer
 
@@ -248,17 +249,13 @@ class _Boot:
         """Read a number. Raise BootFailed with `error` if the node refuses it, or does not respond."""
         self.error = error
         self._tell(f"read {index:04X}h:{sub:02X} {name}")
-        while True:
-            try:
-                data = yield from upload(self.channel, index, sub, size=4, limit=4, timeout=self.timeout)
-                self.must_not_boot = True
-                return int.from_bytes(data[:4], "little")
-            except NoAnswer as silence:
-                if not retries:
-                    raise BootFailed(error, str(silence)) from None
-                retries -= 1
-            except BarewireError as refusal:
-                raise BootFailed(error, str(refusal)) from None
+        reading = partial(upload, self.channel, index, sub, size=4, limit=4, timeout=self.timeout)
+        try:
+            data = yield from repeated(reading, retries)
+        except BarewireError as failure:
+            raise BootFailed(error, str(failure)) from None
+        self.must_not_boot = True
+        return int.from_bytes(data[:4], "little")
 
     # Keep alive
 
@@ -456,7 +453,7 @@ def download_program(
     tell("clear its program")
     yield from _command(channel, _CLEAR, timeout, retries=RETRIES)
     tell(f"write its program, {len(program)} bytes")
-    yield from _repeated(lambda: download(channel, _DATA, 1, program, block="auto", timeout=timeout))
+    yield from repeated(partial(download, channel, _DATA, 1, program, block="auto", timeout=timeout), RETRIES)
     tell("wait for its flash")
     yield from _wait_for_flash(channel, timeout)
     for index, sub, _, expected in objects:
@@ -479,23 +476,10 @@ def _command(
     channel: Channel, command: int, timeout: float, *, retries: int = 0, may_be_silent: bool = False
 ) -> Conversation[CanFrame, None]:
     try:
-        yield from _repeated(lambda: download(channel, _CONTROL, 1, bytes([command]), timeout=timeout), retries)
+        yield from repeated(partial(download, channel, _CONTROL, 1, bytes([command]), timeout=timeout), retries)
     except NoAnswer:
         if not may_be_silent:
             raise
-
-
-def _repeated(
-    transfer: Callable[[], Conversation[CanFrame, None]], retries: int = RETRIES
-) -> Conversation[CanFrame, None]:
-    while True:
-        try:
-            yield from transfer()
-            return
-        except NoAnswer:
-            if not retries:
-                raise
-            retries -= 1
 
 
 def _pause(seconds: float) -> Conversation[CanFrame, float]:

@@ -184,7 +184,7 @@ def upload(
     if not channel.retries:
         return attempt
     options = {"timeout": timeout, "size": size, "block": block, "limit": limit, "progress": progress}
-    return _repeated(channel, attempt, partial(_attempt, channel, index, sub, **options))
+    return repeated(partial(_attempt, channel, index, sub, **options), channel.retries, attempt)
 
 
 def _attempt(channel: Channel, index: int, sub: int, **options: Any) -> Conversation[CanFrame, bytes]:
@@ -192,17 +192,20 @@ def _attempt(channel: Channel, index: int, sub: int, **options: Any) -> Conversa
     return _joined(parts, upload_to(channel, index, sub, parts.append, **options))
 
 
-def _repeated(
-    channel: Channel, attempt: Conversation[CanFrame, _T], again: Callable[[], Conversation[CanFrame, _T]]
+def repeated(
+    transfer: Callable[[], Conversation[CanFrame, _T]],
+    retries: int,
+    first: Conversation[CanFrame, _T] | None = None,
 ) -> Conversation[CanFrame, _T]:
-    """Carry out a transfer that may be repeated; after one that was lost, again."""
-    for _ in range(channel.retries):
+    """Carry out a transfer that may be repeated; after one that was lost, again. `first` is the first, if it began."""
+    attempt = transfer() if first is None else first
+    for _ in range(retries):
         try:
             return (yield from attempt)
         except (NoAnswer, SdoAbort) as error:
             if not _is_lost(error):
                 raise
-        attempt = again()
+        attempt = transfer()
     return (yield from attempt)
 
 
@@ -220,7 +223,7 @@ def rest_of_upload(
     transfer = ClientTransfer(channel, "upload", index, sub, timeout, sent_at)
     rest = _joined(parts, transfer.run(_upload(transfer, request, size, None, Incoming(parts.append, limit=limit))))
     again = partial(_attempt, channel, index, sub, timeout=timeout, size=size, limit=limit)
-    return _repeated(channel, rest, again)
+    return repeated(again, channel.retries, rest)
 
 
 def _joined(parts: list[bytes], count: Conversation[CanFrame, int]) -> Conversation[CanFrame, bytes]:
