@@ -122,7 +122,10 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     ((*SIMULATE, "--set", "Frequency"), "expected NAME=VALUE"),
     ((*SIMULATE, "--set", "Frequenzy=49"), "did you mean 'Frequency'?"),
     ((*SIMULATE, "--world", "lien=0"), "did you mean 'line'?"),
-    *(((*SIMULATE, "--world", text), "expected NAME=NUMBER") for text in ("line", "line=x", "line=-1", "line=nan")),
+    *(
+        ((*SIMULATE, "--world", text), "expected on or off behind =")
+        for text in ("line", "line=x", "line=-1", "line=nan")
+    ),
     (("simulate", "csd-mt", "tcp://127.0.0.1:0", "--world", "wals=-1:1"), "did you mean 'walls'?"),
     (("simulate", "table", "tcp://127.0.0.1:0", "--world", "line=0"), "a table has no environment"),
     (("simulate", "table", "tcp://127.0.0.1:0", "--set", "a=0"), "a table has no named values"),
