@@ -127,7 +127,7 @@ def port_of(place: str) -> int:
     return int(place.rpartition(":")[2])
 
 
-def client_url(carrier: str, place: str, certificates: Path, timeout: float = 2.0) -> str:
+def client_url(carrier: str, place: str, certificates: Path, timeout: float = 10.0) -> str:
     """Return the URL with which our client connects to a server at PATH or HOST:PORT."""
     if carrier == "tls":
         return tls_url(certificates, "operator", place, unit="1", timeout=str(timeout))

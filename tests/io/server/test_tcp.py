@@ -6,6 +6,7 @@ import contextlib
 import selectors
 import socket
 import threading
+import time
 from collections.abc import Callable, Iterator, Mapping
 from typing import Any
 
@@ -261,6 +262,7 @@ def test_closing_a_server_drops_unsent_answers() -> None:
         while not host.connections.unsent:
             with contextlib.suppress(BlockingIOError):
                 unread.send(MOST * 300)
+            time.sleep(0.001)  # the thread of the server comes to read
         host.close()
         assert not len(host.connections)
         assert host.connections.unsent == 0
