@@ -1,4 +1,5 @@
-"""A public name has one meaning: no class, function, alias or constant is defined in two files of src/barewire.
+"""A public name has one meaning: no class, function, alias or constant is defined in two files of src/barewire, and no
+class in two files of both packages.
 
 Names that begin with `_` belong to one file. Type variables have no meaning of their own. PARALLEL lists the names that
 are the same on purpose.
@@ -10,7 +11,8 @@ import ast
 from collections import defaultdict
 from pathlib import Path
 
-HOME = Path(__file__).parent.parent / "src" / "barewire"
+ROOT = Path(__file__).parent.parent
+HOME, WORKBENCH = ROOT / "src" / "barewire", ROOT / "workbench" / "src" / "barewire_workbench"
 
 PARALLEL = {
     "encode": "one for each framing",
@@ -47,6 +49,19 @@ def test_every_public_name_is_defined_once() -> None:
         for name in public_names(path.read_text(encoding="utf-8")):
             files[name].append(path.relative_to(HOME).as_posix())
     twice = {name: where for name, where in files.items() if len(where) > 1 and name not in PARALLEL}
+    assert not twice, "\n".join(f"{name}: {', '.join(where)}" for name, where in sorted(twice.items()))
+
+
+def test_a_class_of_the_workbench_has_a_name_of_its_own() -> None:
+    """Apart from the parts of `barewire vendor`, each of which takes the place of a class of the stack."""
+    files = defaultdict(list)
+    for home in (HOME, WORKBENCH):
+        for path in sorted(home.rglob("*.py")):
+            if "one_file" not in path.parts:
+                for node in ast.parse(path.read_text(encoding="utf-8")).body:
+                    if isinstance(node, ast.ClassDef) and not node.name.startswith("_"):
+                        files[node.name].append(path.relative_to(ROOT).as_posix())
+    twice = {name: where for name, where in files.items() if len(where) > 1}
     assert not twice, "\n".join(f"{name}: {', '.join(where)}" for name, where in sorted(twice.items()))
 
 

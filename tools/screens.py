@@ -31,10 +31,10 @@ SIZE = (100, 28)
 def sniff_screen() -> str:
     """Return the screen of a recording."""
     from barewire_workbench.cli.sources import Source
-    from barewire_workbench.cli.terminal.heard import Heard, hear_modbus
+    from barewire_workbench.cli.terminal.heard import HeardRows, hear_modbus
     from barewire_workbench.cli.terminal.sniffing import SniffScreen, save_rows
 
-    heard = Heard()
+    heard = HeardRows()
     with click.Context(click.Command("sniff")):
         traffic = Source(str(FOLDER / "line.log"), None)
         hear_modbus(heard, traffic, seconds=None, window=1.0, names=None, file=None)

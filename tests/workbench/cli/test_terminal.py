@@ -30,7 +30,7 @@ from barewire.io.ports.pty import PseudoTerminal
 from barewire.rtu import encode as rtu_frame
 from barewire_workbench.cli.panels.line import PanelLine
 from barewire_workbench.cli.sources import Source
-from barewire_workbench.cli.terminal.heard import Filter, Heard, KeepingMonitors, Rates, Row, hear_can, hear_modbus
+from barewire_workbench.cli.terminal.heard import Filter, HeardRows, KeepingMonitors, Rates, Row, hear_can, hear_modbus
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.monitor import is_repeated
 from barewire_workbench.wire import longest_can_frame
@@ -84,11 +84,11 @@ BUS = """\
 """
 
 
-def heard_of(text: str, tmp_path: Path, limit: int = 1000) -> Heard:
+def heard_of(text: str, tmp_path: Path, limit: int = 1000) -> HeardRows:
     """Read a recording to its end."""
     file = tmp_path / "heard.log"
     file.write_text(text)
-    heard = Heard(limit=limit)
+    heard = HeardRows(limit=limit)
     with click.Context(click.Command("sniff")):
         traffic = Source(str(file), None)
         if traffic.is_can:
@@ -127,7 +127,7 @@ def on_screen(app: Any, act: Callable[[Pilot[None]], Awaitable[None]], size: tup
     asyncio.run(run())
 
 
-def screen_of(heard: Heard) -> SniffScreen:
+def screen_of(heard: HeardRows) -> SniffScreen:
     return SniffScreen(heard, "a line", lambda rows, name: save_rows(rows, name, is_can=False))
 
 
@@ -216,7 +216,7 @@ def test_rates_are_those_of_the_last_ten_seconds() -> None:
 
 
 def test_the_list_grows_follows_and_stays_where_the_user_looks() -> None:
-    heard = Heard()
+    heard = HeardRows()
     app = screen_of(heard)
 
     async def act(pilot: Pilot[None]) -> None:
@@ -307,7 +307,7 @@ def test_a_filter_is_typed_and_removed(tmp_path: Path) -> None:
 
 
 def test_memory_is_bounded_and_what_was_dropped_is_counted() -> None:
-    heard = Heard(limit=50)
+    heard = HeardRows(limit=50)
     app = screen_of(heard)
 
     async def act(pilot: Pilot[None]) -> None:
@@ -360,10 +360,10 @@ def test_frames_of_can_are_written_once(tmp_path: Path) -> None:
 
 
 def test_an_error_of_the_line_is_shown_and_the_screen_stays() -> None:
-    def read(heard: Heard) -> None:
+    def read(heard: HeardRows) -> None:
         raise PortError("/dev/x: it is gone")
 
-    heard = Heard()
+    heard = HeardRows()
     heard.run(read)
     app = screen_of(heard)
 
@@ -666,7 +666,7 @@ def test_keys_come_from_the_terminal_where_standard_input_is_a_log() -> None:
 def test_a_recording_that_is_not_read_to_its_end_is_no_error_and_leaves_no_thread(
     tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:
-    file, heard, before = tmp_path / "long.log", Heard(), threading.active_count()
+    file, heard, before = tmp_path / "long.log", HeardRows(), threading.active_count()
     file.write_text("".join(f"{place}.0 01 83 02 C0 F1\n" for place in range(100_000)))
     pauses = threading.Event()
 
@@ -690,11 +690,11 @@ def test_a_port_that_cannot_be_opened_is_an_error_before_there_is_a_screen(monke
     traffic = Source("tcp://127.0.0.1:1", None)
     read = partial(hear_modbus, traffic=traffic, seconds=None, window=1.0, names=None, file=None)
     with pytest.raises(EncodeError, match="listening in needs a line"):
-        sniffing.watch_traffic(Heard(live=True), traffic, read)
+        sniffing.watch_traffic(HeardRows(live=True), traffic, read)
 
 
 def test_a_line_is_heard_until_it_is_told_to_stop() -> None:
-    heard, terminal = Heard(live=True), PseudoTerminal()
+    heard, terminal = HeardRows(live=True), PseudoTerminal()
     traffic = Source(f"rtu://{terminal.path}?parity=N&baudrate=9600", None)
     read = partial(hear_modbus, traffic=traffic, seconds=None, window=60.0, names=None, file=None)
     thread = threading.Thread(target=heard.run, args=(read,))
@@ -728,7 +728,7 @@ def test_a_bus_is_heard_with_its_load_until_it_fails(monkeypatch: pytest.MonkeyP
         def close(self) -> None: ...
 
     monkeypatch.setattr("barewire.io.ports.can.interfaces.can_port", lambda endpoint, *, stamps: Port())
-    heard, monitors, diagnosis = Heard(live=True), KeepingMonitors(), CanLogDiagnosis()
+    heard, monitors, diagnosis = HeardRows(live=True), KeepingMonitors(), CanLogDiagnosis()
     traffic = Source("can://socketcand/127.0.0.1/can0?bitrate=1000", None)
     heard.run(partial(hear_can, traffic=traffic, monitors=monitors, diagnosis=diagnosis, is_shown=bool, file=None))
     assert str(heard.error) == "the server hung up"

@@ -10,7 +10,7 @@ from hypothesis import given, strategies as st
 from barewire.errors import DecodeError
 from barewire.rtu import encode
 from barewire.tcp import encode as tcp_frame
-from barewire_workbench.frames.modbus_exchanges import Exchange, Exchanges, exchange_as_dict
+from barewire_workbench.frames.modbus_exchanges import Exchanges, PairedExchange, exchange_as_dict
 from barewire_workbench.recordings.modbus_log import LoggedBytes, read_modbus_log
 from barewire_workbench.recordings.modbus_replay import replay_log
 from barewire_workbench.recordings.model import Unread
@@ -68,7 +68,7 @@ def is_read_or_refused(data: bytes) -> None:
     assert times == sorted(times)
     assert all(item.line >= 1 for item in log.items)
     last, shown = float("-inf"), Exchanges(timed=True)
-    rows: list[Exchange] = []
+    rows: list[PairedExchange] = []
     for event in replay_log(data).events:
         json.dumps(exchange_as_dict(event, timed=log.timed))
         rows += shown.feed(event)

@@ -259,12 +259,12 @@ def _prepare_screen(source: str, stop: threading.Event) -> None:
 def _live_modbus(
     traffic: Source, seconds: float | None, window: float, write: str | None, names: UnitNames | None
 ) -> int:
-    from barewire_workbench.cli.terminal.heard import Heard, hear_modbus
+    from barewire_workbench.cli.terminal.heard import HeardRows, hear_modbus
     from barewire_workbench.cli.terminal.sniffing import watch_traffic
 
     with recording_file(write) as file:
         read = partial(hear_modbus, traffic=traffic, seconds=seconds, window=window, names=names, file=file)
-        return watch_traffic(Heard(live=traffic.endpoint is not None), traffic, read)
+        return watch_traffic(HeardRows(live=traffic.endpoint is not None), traffic, read)
 
 
 def _live_can(
@@ -276,11 +276,11 @@ def _live_can(
     *,
     complete: bool,
 ) -> int:
-    from barewire_workbench.cli.terminal.heard import Heard, KeepingMonitors, hear_can
+    from barewire_workbench.cli.terminal.heard import HeardRows, KeepingMonitors, hear_can
     from barewire_workbench.cli.terminal.sniffing import watch_traffic
 
     monitors = KeepingMonitors(known, bus, complete=complete)
     diagnosis = CanLogDiagnosis(known, bus, complete=complete)
     with recording_file(write) as file:
         read = partial(hear_can, traffic=traffic, monitors=monitors, diagnosis=diagnosis, is_shown=is_shown, file=file)
-        return watch_traffic(Heard(live=traffic.endpoint is not None), traffic, read)
+        return watch_traffic(HeardRows(live=traffic.endpoint is not None), traffic, read)

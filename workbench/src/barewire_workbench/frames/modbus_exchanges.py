@@ -191,7 +191,7 @@ _SHOWN = 12
 # Exchanges ----------------------------------------------------------------------------------------------------------
 
 
-class Exchange(NamedTuple):
+class PairedExchange(NamedTuple):
     """A request and what became of it, or bytes without a frame; `str` is its line.
 
     `who` is "unit 1", "all" or "noise". `wrong`: refused, late, not answered, or not a frame. `events` are its frames
@@ -216,7 +216,7 @@ class Exchange(NamedTuple):
 class _Row:
     """An exchange, or None while its answer may come, and the noise behind its request."""
 
-    def __init__(self, request: RequestSeen | None, exchange: Exchange | None) -> None:
+    def __init__(self, request: RequestSeen | None, exchange: PairedExchange | None) -> None:
         self.request = request
         self.exchange = exchange
         self.noise: list[NoiseSeen] = []
@@ -242,7 +242,7 @@ class Exchanges:
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {len(self._rows)} waiting>"
 
-    def feed(self, event: SnifferEvent) -> list[Exchange]:
+    def feed(self, event: SnifferEvent) -> list[PairedExchange]:
         """Return the exchanges that are complete now, in the order of their times."""
         match event:
             case RequestSeen() if event.unit or event.transaction is not None:
@@ -258,32 +258,32 @@ class Exchanges:
                 self._rows.append(_Row(None, self._alone(event)))
         return self._complete()
 
-    def end(self) -> list[Exchange]:
+    def end(self) -> list[PairedExchange]:
         """Return the exchanges that are left: requests whose end was not reported."""
         for row in self._rows:
             if row.exchange is None and row.request is not None:
                 row.exchange = self._of(row.request, "the recording ends here", False)
         return self._complete()
 
-    def _close(self, request: RequestSeen, exchange: Exchange) -> None:
+    def _close(self, request: RequestSeen, exchange: PairedExchange) -> None:
         row = next((row for row in self._rows if row.request is request), None)
         if row is None:
             self._rows.append(_Row(None, exchange))
         else:
             row.exchange = exchange
 
-    def _complete(self) -> list[Exchange]:
-        complete: list[Exchange] = []
+    def _complete(self) -> list[PairedExchange]:
+        complete: list[PairedExchange] = []
         while self._rows and (exchange := self._rows[0].exchange) is not None:
             row = self._rows.popleft()
             complete += [exchange, *(self._alone(noise) for noise in row.noise)]
         return complete
 
-    def _of(self, request: RequestSeen, result: str, wrong: bool, *events: SnifferEvent) -> Exchange:
+    def _of(self, request: RequestSeen, result: str, wrong: bool, *events: SnifferEvent) -> PairedExchange:
         text = f"{explain_pdu(request.pdu, 'request').summary} -> {result}"
-        return Exchange(request.at, f"unit {request.unit}", text, wrong, (request, *events), timed=self._timed)
+        return PairedExchange(request.at, f"unit {request.unit}", text, wrong, (request, *events), timed=self._timed)
 
-    def _unanswered(self, event: ResponseMissing | RecordingEnds) -> Exchange:
+    def _unanswered(self, event: ResponseMissing | RecordingEnds) -> PairedExchange:
         """Return a request without an answer. Noise behind it is part of it: perhaps the damaged answer."""
         row = next((row for row in self._rows if row.request is event.request), None)
         noise = [] if row is None else row.noise
@@ -296,7 +296,7 @@ class Exchanges:
             ending = f"no valid answer: {_clipped(data.hex(' ').upper().split())} ({text}){then}"
         return self._of(event.request, ending, bool(noise) or isinstance(event, ResponseMissing), *noise)
 
-    def _answered(self, event: ResponseSeen, request: RequestSeen) -> Exchange:
+    def _answered(self, event: ResponseSeen, request: RequestSeen) -> PairedExchange:
         wrong = _is_refused(event) or event.message is None
         exchange = self._of(request, self._values(request, event), wrong, event)
         if event.older is not None:
@@ -312,7 +312,7 @@ class Exchanges:
             return result
         return f"{result}: {named}" if result == "done" else named
 
-    def _alone(self, event: SnifferEvent) -> Exchange:
+    def _alone(self, event: SnifferEvent) -> PairedExchange:
         """Return an event that is not one half of an exchange."""
         wrong = False
         events: tuple[SnifferEvent, ...] = (event,)
@@ -336,7 +336,7 @@ class Exchanges:
                 who, wrong, events = f"unit {event.unit}", True, (request, event)
             case ResponseMissing() | RecordingEnds():
                 return self._unanswered(event)
-        return Exchange(event.at, who, text, wrong, events, timed=self._timed)
+        return PairedExchange(event.at, who, text, wrong, events, timed=self._timed)
 
     def _time(self, at: float) -> str:
         return f"{at:.6f}  " if self._timed else ""

@@ -52,7 +52,7 @@ class Clock:
         return datetime.now().astimezone()
 
 
-class PolledMachine(Protocol):
+class MachineOnLine(Protocol):
     """What a poller uses of a machine."""
 
     def read(self, name: str, /) -> Reading: ...
@@ -70,7 +70,7 @@ class Poller:
         # Names that are read alone: those refused, or all of them if they are refused only together.
         self._alone: set[str] = set()
 
-    def poll(self, machine: PolledMachine) -> Poll:
+    def poll(self, machine: MachineOnLine) -> Poll:
         """Read every name once. Raises the errors of the machine if nothing was read."""
         readings: dict[str, Reading] = {}
         refused: dict[str, str] = {}

@@ -1,6 +1,6 @@
 """What `sniff --live` hears: a thread puts rows and findings, and the screen takes them ten times a second.
 
-    line, bus or recording --> Exchanges or CanMonitor --> Row --> Heard --> screen
+    line, bus or recording --> Exchanges or CanMonitor --> Row --> HeardRows --> screen
                           '--> the diagnosis of that kind --> findings, verdicts ---'
 
 A row is what `barewire sniff` prints in one line, with the frames that `barewire explain` explains. Memory is bounded:
@@ -33,7 +33,7 @@ from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.frames.can import explain_segment
 from barewire_workbench.frames.known_node import KnownNode
 from barewire_workbench.frames.modbus import explain_pdu
-from barewire_workbench.frames.modbus_exchanges import Exchange, Exchanges, UnitNames
+from barewire_workbench.frames.modbus_exchanges import Exchanges, PairedExchange, UnitNames
 from barewire_workbench.frames.result import FrameRole, ProtocolName
 from barewire_workbench.live.listen import listen_with
 from barewire_workbench.monitor import CanMonitor
@@ -155,7 +155,7 @@ class Rates:
         return total / min(_SPAN, max(1, int(now) - int(self._first or now) + 1))
 
 
-class Heard:
+class HeardRows:
     """What was heard. The thread that reads calls `put`, `load`, `find` and `judge`, the screen `take`.
 
     `live`: its times are those of the clock. At most `limit` rows wait for the screen.
@@ -234,7 +234,7 @@ class Heard:
         with self._lock:
             return self.rates.per_second(name, self.now)
 
-    def run(self, read: Callable[[Heard], None]) -> None:
+    def run(self, read: Callable[[HeardRows], None]) -> None:
         """Read to the end, in a thread; an error is kept for the screen."""
         try:
             read(self)
@@ -247,7 +247,7 @@ class Heard:
 
 
 def hear_modbus(
-    heard: Heard,
+    heard: HeardRows,
     traffic: Source,
     *,
     seconds: float | None,
@@ -287,7 +287,7 @@ class _ModbusRows:
     """Makes rows of the events of a sniffer. `character` is the time of one byte, 0 if it is not known."""
 
     def __init__(
-        self, heard: Heard, names: UnitNames | None, file: RecordingFile | None, character: float = 0.0
+        self, heard: HeardRows, names: UnitNames | None, file: RecordingFile | None, character: float = 0.0
     ) -> None:
         self.verdicts: Callable[[], list[tuple[str, LineVerdict]]] = list
         self._heard, self._file, self._character = heard, file, character
@@ -312,7 +312,7 @@ class _ModbusRows:
         self._put(self._exchanges.end())
         self._heard.judge(self.verdicts, at_once=True)
 
-    def _put(self, exchanges: Iterable[Exchange]) -> None:
+    def _put(self, exchanges: Iterable[PairedExchange]) -> None:
         for exchange in exchanges:
             frames = [frame for event in exchange.events if (frame := _frame(event, self._protocol)) is not None]
             after = "" if exchange.seconds is None else f"{1e3 * exchange.seconds:.1f} ms"
@@ -374,7 +374,7 @@ def _functions(event: SnifferEvent) -> tuple[str, ...]:
 
 
 def hear_can(
-    heard: Heard,
+    heard: HeardRows,
     traffic: Source,
     monitors: KeepingMonitors,
     diagnosis: CanLogDiagnosis,

@@ -25,8 +25,8 @@ from barewire_workbench.cli.terminal.screen import (
     WRONG,
     Ask,
     FilterLine,
-    Line,
     Lines,
+    OneLine,
     RowList,
     TerminalApp,
     columns,
@@ -97,7 +97,7 @@ d             the diagnosis of the last frames, or the explanation again
 
     def compose(self) -> ComposeResult:
         """Make the parts of the screen."""
-        self._state, self._groups = Line(id="state"), Line(id="groups")
+        self._state, self._groups = OneLine(id="state"), OneLine(id="groups")
         self._list, self._frames = RowList(self._draw_value, id="values"), RowList(self._draw_frame, id="frames")
         self._lower = Lines(id="below")
         yield from (self._state, self._groups)

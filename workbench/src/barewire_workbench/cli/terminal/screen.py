@@ -122,10 +122,10 @@ class RowList(ScrollView):
         self.action_move(3)
 
 
-class Line(Static):
+class OneLine(Static):
     """One line, cut at its end. It is drawn again only when it changes."""
 
-    DEFAULT_CSS = "Line { height: 1; text-wrap: nowrap; text-overflow: ellipsis; }"
+    DEFAULT_CSS = "OneLine { height: 1; text-wrap: nowrap; text-overflow: ellipsis; }"
     _shown: Text | None = None
 
     def show(self, text: Text) -> None:

@@ -23,15 +23,15 @@ from textual.widgets import Footer
 
 from barewire.errors import BarewireError, EncodeError
 from barewire_workbench.cli.sources import RecordingFile, Source, check_ending
-from barewire_workbench.cli.terminal.heard import Filter, Heard, Row
+from barewire_workbench.cli.terminal.heard import Filter, HeardRows, Row
 from barewire_workbench.cli.terminal.screen import (
     FAINT,
     LAST_BINDINGS,
     WRONG,
     Ask,
     FilterLine,
-    Line,
     Lines,
+    OneLine,
     RowList,
     TerminalApp,
     columns,
@@ -77,7 +77,7 @@ w          write the rows that are shown as a recording
 """
     TITLE = "barewire sniff --live"
 
-    def __init__(self, heard: Heard, source: str, save: Callable[[Sequence[Row], str], None]) -> None:
+    def __init__(self, heard: HeardRows, source: str, save: Callable[[Sequence[Row], str], None]) -> None:
         super().__init__()
         self.heard, self.source = heard, source
         self.following = True
@@ -93,7 +93,7 @@ w          write the rows that are shown as a recording
 
     def compose(self) -> ComposeResult:
         """Make the parts of the screen."""
-        self._state, self._heading = Line(id="state"), Line(id="heading")
+        self._state, self._heading = OneLine(id="state"), OneLine(id="heading")
         self._list, self._lower = RowList(self._draw), Lines(id="lower")
         yield from (self._state, self._heading, self._list, self._lower, FilterLine(_EXAMPLE), Footer())
 
@@ -271,7 +271,7 @@ def explained_lines(row: Row) -> list[tuple[str, bool]]:
     return lines
 
 
-def watch_traffic(heard: Heard, traffic: Source, read: Callable[[Heard], None]) -> int:
+def watch_traffic(heard: HeardRows, traffic: Source, read: Callable[[HeardRows], None]) -> int:
     """Show what a thread reads until the user ends it. Then raise the error that has ended it before."""
     thread = threading.Thread(target=heard.run, args=(read,), name=traffic.name, daemon=True)
     thread.start()

@@ -145,7 +145,7 @@ _LONG_SILENCE = 10_000_000
 _CHARACTER = 11 / 19200
 
 
-class Framing(NamedTuple):
+class AnsweredFraming(NamedTuple):
     """What the answers need of a framing. `field` is the frame in a case, which `read` and `write` as text."""
 
     field: str
@@ -171,12 +171,12 @@ def _rtu_talk_line(setup: Fields) -> Line:
 
 
 FRAMINGS = {
-    "rtu": Framing(
+    "rtu": AnsweredFraming(
         *("frame", octets, hexed, lambda unit, pdu, number: rtu.encode(unit, pdu), rtu.decode),
         frame_line=_rtu_frame_line,
         talk_line=_rtu_talk_line,
     ),
-    "ascii": Framing(
+    "ascii": AnsweredFraming(
         *("text", latin, lambda data: data.decode("latin-1")),
         *(lambda unit, pdu, number: ascii.encode(unit, pdu), ascii.decode),
         frame_line=lambda given: ascii.AsciiLine(),
@@ -184,7 +184,7 @@ FRAMINGS = {
             character_timeout=setup["timeout"] * MICROSECOND, data_bits=setup["data_bits"]
         ),
     ),
-    "tcp": Framing(
+    "tcp": AnsweredFraming(
         *("frame", octets, hexed, tcp.encode, tcp.decode),
         frame_line=lambda given: tcp.TcpLine(),
         talk_line=lambda setup: tcp.TcpLine(),
@@ -197,16 +197,16 @@ def _adu_fields(adu: Adu) -> Fields:
     return content if adu.transaction is None else {"transaction": adu.transaction, **content}
 
 
-def _encode_frame(framing: Framing, given: Fields) -> Fields:
+def _encode_frame(framing: AnsweredFraming, given: Fields) -> Fields:
     frame = framing.encode(given["unit"], octets(given["pdu"]), given.get("transaction", 0))
     return {framing.field: framing.write(frame)}
 
 
-def _decode_frame(framing: Framing, given: Fields) -> Fields:
+def _decode_frame(framing: AnsweredFraming, given: Fields) -> Fields:
     return _adu_fields(framing.decode(framing.read(given[framing.field])))
 
 
-def _receive(framing: Framing, given: Fields) -> Fields:
+def _receive(framing: AnsweredFraming, given: Fields) -> Fields:
     """Feed the pieces at 19200 bit/s, then let time pass; return the frames. No byte may be lost."""
     line = framing.frame_line(given)
     events: list[Adu | Noise] = []
@@ -222,7 +222,7 @@ def _receive(framing: Framing, given: Fields) -> Fields:
     return {"frames": [_adu_fields(adu) for adu in frames], "bytes_lost": fed - out}
 
 
-def _talk(framing: Framing, given: Fields) -> Fields:
+def _talk(framing: AnsweredFraming, given: Fields) -> Fields:
     """Feed a receiver step by step; return what it finds in each."""
     line = framing.talk_line(given["line"])
     steps = []
@@ -238,7 +238,7 @@ def _talk(framing: Framing, given: Fields) -> Fields:
     return {"talk": steps, "held": framing.write(line.held)}
 
 
-def _talk_frames(framing: Framing, given: Fields) -> Fields:
+def _talk_frames(framing: AnsweredFraming, given: Fields) -> Fields:
     """Return the frames of a talk alone, silence behind the last step included."""
     silence = {"at": given["talk"][-1]["at"] + _LONG_SILENCE}
     steps = _talk(framing, {**given, "talk": [*given["talk"], silence]})["talk"]
