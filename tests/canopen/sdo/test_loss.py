@@ -23,6 +23,7 @@ import pytest
 from barewire.canopen import AbortCode, BlockSettings, CanFrame, Channel, SdoAbort, SdoServer, download, upload
 from barewire.errors import NoAnswer
 from tests.canopen.sdo.sdo_bus import FRAME_TIME, Bus, Fault, Store
+from tests.helpers import some_of
 
 TIMEOUT = 1.0
 BLKSIZE = 3
@@ -175,6 +176,9 @@ KINDS = (
 )
 BLOCK_CASES = [(kind, length) for kind in KINDS for length in kind.lengths if kind.block]
 CASES = [pytest.param(kind, length, id=f"{kind.name}, {length} bytes") for kind in KINDS for length in kind.lengths]
+BLOCKS_OF_127 = [
+    pytest.param(kind, length, 127, id=f"{kind.name}, {length} bytes, 127") for kind, length in BLOCK_CASES
+]
 
 
 def frames_of(kind: Kind, length: int, blksize: int = BLKSIZE) -> list[str]:
@@ -196,8 +200,10 @@ SENSIBLE = {
 
 
 @pytest.mark.long
-@pytest.mark.parametrize("blksize", [BLKSIZE, 127])
-@pytest.mark.parametrize(("kind", "length"), CASES)
+@pytest.mark.parametrize(
+    ("kind", "length", "blksize"),
+    [*(pytest.param(*case.values, BLKSIZE, id=case.id) for case in CASES), *BLOCKS_OF_127],
+)
 def test_any_frame_lost_doubled_late_or_swapped(kind: Kind, length: int, blksize: int) -> None:
     for hit in range(len(frames_of(kind, length, blksize))):
         for name in FAULTS:
@@ -222,7 +228,7 @@ def test_the_lost_end_of_a_block_upload_delays_nothing() -> None:
     assert transfer(kind, length, OneFault(last, "lost")) == "right"
 
 
-@pytest.mark.parametrize("change", [0x01, 0x80, 0xFF])
+@pytest.mark.parametrize("change", some_of([0x01, 0x80, 0xFF], 2))
 @pytest.mark.parametrize(("kind", "length"), CASES)
 def test_any_byte_of_any_frame_corrupted(kind: Kind, length: int, change: int) -> None:
     """A CRC prevents wrong bytes. Requests, responses and transfers without blocks have none, so their bytes may be

@@ -24,16 +24,30 @@ pytestmark = pytest.mark.needs("uml", "busybox", "cc", "candump", "ip")
 TESTS = "tests/interop/canopen/test_canopen_exchanges.py"
 
 
+PROGRAMS = "link_down", "kernel_cycles", "one_file"
+"""Programs for the guest kernel, which run behind the tests."""
+
+
 @pytest.fixture(scope="module")
-def results() -> Iterator[dict[str, str]]:
-    """Yield the result of each test in the guest: an empty text if it passed, its failure otherwise."""
-    options = ("-p", "no:cacheprovider", "--junitxml=/run/job/report.xml")
-    command = (sys.executable, "-m", "pytest", "-q", *options, TESTS)
-    with in_guest(command, {"BAREWIRE_CARRIERS": "socketcan"}) as done:
-        report = done.job / "report.xml"
-        assert report.exists(), f"no report came out of the guest: {done}"
-        cases = ElementTree.parse(report).iter("testcase")
-        yield {case.get("name", ""): "\n".join(part.text or part.tag for part in case) for case in cases}
+def programs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Done]:
+    """Run the tests and then the programs in one guest."""
+    folder = tmp_path_factory.mktemp("one_file")
+    written(folder, "sdo-client")
+    tests = f"{sys.executable} -m pytest -q -p no:cacheprovider --junitxml=/run/job/report.xml {TESTS}"
+    lines = [f"{sys.executable} -m tests.interop.canopen.{name}; echo {name} ended with $?" for name in PROGRAMS]
+    environment = {"BAREWIRE_CARRIERS": "socketcan", "BAREWIRE_ONE_FILE": str(folder)}
+    environment["PYTEST_DISABLE_PLUGIN_AUTOLOAD"] = "1"  # a guest takes long to import them
+    with in_guest(["sh", "-c", "; ".join([tests, *lines])], environment) as done:
+        yield done
+
+
+@pytest.fixture(scope="module")
+def results(programs: Done) -> dict[str, str]:
+    """Return the result of each test in the guest: an empty text if it passed, its failure otherwise."""
+    report = programs.job / "report.xml"
+    assert report.exists(), f"no report came out of the guest: {programs}"
+    cases = ElementTree.parse(report).iter("testcase")
+    return {case.get("name", ""): "\n".join(part.text or part.tag for part in case) for case in cases}
 
 
 @pytest.mark.parametrize(
@@ -72,17 +86,6 @@ def _running() -> str:
         with suppress(OSError):
             found.append(file.read_text(errors="replace"))
     return "\n".join(found)
-
-
-@pytest.fixture(scope="module")
-def programs(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Done]:
-    """Run the programs for the guest kernel in one guest, one after the other."""
-    folder = tmp_path_factory.mktemp("one_file")
-    written(folder, "sdo-client")
-    names = "link_down", "kernel_cycles", "one_file"
-    lines = [f"{sys.executable} -m tests.interop.canopen.{name}; echo {name} ended with $?" for name in names]
-    with in_guest(["sh", "-c", "; ".join(lines)], {"BAREWIRE_ONE_FILE": str(folder)}) as done:
-        yield done
 
 
 def test_client_and_device_recover_when_the_link_goes_down_and_up(programs: Done) -> None:
