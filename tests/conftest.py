@@ -75,9 +75,10 @@ def read_programs(text: str) -> dict[str, Program]:
 @pytest.hookimpl(tryfirst=True)  # before --random-order
 def pytest_collection_modifyitems(items: list[pytest.Item]) -> None:
     # Files with tests that wait come first: one of them as the last file would keep one process waiting for the other.
-    def place(item: pytest.Item) -> int:
+    def place(item: pytest.Item) -> tuple[int, str]:
         file = item.nodeid.partition("::")[0].removeprefix("tests/")  # "io/ports/test_tcp.py" of the room "io"
-        return next((at for at, name in enumerate(FIRST) if file == name or file.startswith(f"{name}/")), len(FIRST))
+        at = (at for at, name in enumerate(FIRST) if file == name or file.startswith(f"{name}/"))
+        return next(at, len(FIRST)), file
 
     items.sort(key=place)
     programs = read_programs(PROGRAMS.read_text(encoding="utf-8"))
@@ -113,7 +114,18 @@ def pytest_runtest_makereport() -> Generator[None, pytest.TestReport, pytest.Tes
 
 
 @pytest.hookimpl(wrapper=True)
-def pytest_make_collect_report() -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+def pytest_make_collect_report(
+    collector: pytest.Collector,
+) -> Generator[None, pytest.CollectReport, pytest.CollectReport]:
+    """Let each of several processes begin with another part of a folder.
+
+    In a new clone they divide the work of compiling the tests: who comes to a file later finds what another one has
+    written. `pytest_collection_modifyitems` puts the tests in the same order everywhere.
+    """
     report = yield
     forbid_skip(report)
+    if isinstance(collector, pytest.Directory) and report.result:
+        number = int(os.environ.get("PYTEST_XDIST_WORKER", "gw0").removeprefix("gw"))
+        first = len(report.result) * number // int(os.environ.get("PYTEST_XDIST_WORKER_COUNT", "1"))
+        report.result = [*report.result[first:], *report.result[:first]]
     return report

@@ -16,10 +16,10 @@ import pytest
 
 from barewire.devices import load, names
 from barewire_workbench.live.canopen_conformance import NODE_KIND, case_names, cases
-from barewire_workbench.vectors.files import load_vectors
 from tests.interop.conftest import pytest_runtest_call
 from tests.interop.services import PUBLIC
 from tests.workbench.conform.canopen.described import OBJECTS
+from tests.workbench.vectors.loaded import VECTORS
 from tools import cia_cases, conform_can, devices, interop, mutants
 
 pytestmark = pytest.mark.long
@@ -63,7 +63,7 @@ def test_each_case_of_the_vectors_names_the_cases_of_the_cia_tool() -> None:
     for group, listed, _, named, _ in cia_cases.CIA_CASES:
         for name in named.split():
             wanted.setdefault(name, []).extend(f"{group} {number}" for number in listed.split())
-    for case in (case for file in load_vectors().files if file.kind == NODE_KIND for case in file.cases):
+    for case in (case for file in VECTORS.files if file.kind == NODE_KIND for case in file.cases):
         names = ", ".join(wanted.get(case["name"], ()))
         assert case.get("origin", "") == (f"also in CiA's conformance test tool: {names}" if names else ""), case["id"]
 

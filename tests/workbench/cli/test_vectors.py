@@ -16,11 +16,10 @@ from barewire.errors import EncodeError
 from barewire_workbench.cli.vectors_show import frames_of_case, pictures_of_case
 from barewire_workbench.pictures.fields import FieldsPicture, byte_boxes
 from barewire_workbench.pictures.picture import as_svg
-from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.profiles import badge_texts, in_profile
 from tests.workbench.cli.helpers import output_of, run_here
+from tests.workbench.vectors.loaded import VECTORS
 
-VECTORS = load_vectors()
 FIRST = {file.kind: file.cases[0]["id"] for file in reversed(VECTORS.files)}
 """By kind: the id of a case."""
 

@@ -15,7 +15,7 @@ from typing import Any
 import pytest
 
 from barewire.errors import PortError
-from barewire_workbench.vectors.files import load_vectors
+from tests.workbench.vectors.loaded import VECTORS
 from tools import scoreboard
 from tools.peers import ADAPTERS, PEERS, ROOT, Peer, PeerRun, build, confirms, run
 from tools.vectors_release import meanings
@@ -23,7 +23,6 @@ from tools.vectors_release import meanings
 pytestmark = pytest.mark.long
 
 DATA: dict[str, Any] = json.loads(scoreboard.DATA.read_text(encoding="utf-8"))
-VECTORS = load_vectors(ROOT / "vectors")
 NEEDS = {"libmodbus": ("libmodbus",), "tshark": ("tshark",)}
 HERE = [peer for peer in PEERS if peer.name in DATA and peer.is_here() and peer.name != "mbusd"]
 """tmodbus needs Python 3.12: `.ci/run` runs this file with it too. Those in C are here if they are built.

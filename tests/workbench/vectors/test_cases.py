@@ -16,9 +16,9 @@ from barewire_workbench.vectors.answers.table import own_answer
 from barewire_workbench.vectors.files import VectorFile, Vectors, digest, load_vectors
 from barewire_workbench.vectors.questions import DESCRIPTION, Case, Question
 from barewire_workbench.vectors.run import CheckedCase, run_cases
+from tests.workbench.vectors.loaded import VECTORS
 
 ROOT = Path(__file__).parents[3] / "vectors"
-VECTORS = load_vectors()
 CASES = [(file, case) for file in VECTORS.files for case in file.cases]
 DESCRIBES = {*DESCRIPTION, "id", "result", "reason", "fails", "flags", "side", "do"}
 """Fields that describe a case; the others are given or expected. `side` is given, but not every message needs it."""

@@ -14,11 +14,10 @@ import pytest
 from barewire.modbus import Bus
 from barewire_workbench.vectors.answers import client
 from barewire_workbench.vectors.answers.client import ClientPeer
-from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import judge
 from barewire_workbench.vectors.questions import Question
+from tests.workbench.vectors.loaded import VECTORS
 
-VECTORS = load_vectors()
 PEER = Path(__file__).parents[3] / "vectors" / "reference" / "modbus" / "client_peer.py"
 REFERENCE = runpy.run_path(str(PEER))["ClientPeer"]
 QUESTIONS = [

@@ -8,12 +8,11 @@ from pathlib import Path
 import pytest
 
 from barewire_workbench.live.vector_adapter import VectorAdapter
-from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import judge
 from barewire_workbench.vectors.questions import Question
+from tests.workbench.vectors.loaded import VECTORS
 
 ADAPTERS = Path(__file__).parents[3] / "vectors" / "peers"
-VECTORS = load_vectors()
 
 
 def question(case_id: str) -> Question:

@@ -22,11 +22,11 @@ from barewire.rtu.crc import crc16_bit_by_bit
 from barewire.rtu.line import RtuLine
 from barewire.tcp import TcpLine
 from barewire_workbench.vectors.answers.values import octets
-from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import judge
 from barewire_workbench.vectors.questions import Case, Question
+from tests.workbench.vectors.loaded import VECTORS
 
-CASES = [(file.kind, case) for file in load_vectors().files for case in file.cases]
+CASES = [(file.kind, case) for file in VECTORS.files for case in file.cases]
 
 
 def of(kind: str, result: str) -> list[Any]:

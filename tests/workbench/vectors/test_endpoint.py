@@ -14,15 +14,15 @@ from barewire.io.endpoint import Endpoint
 from barewire.modbus import Table
 from barewire_workbench.live import canopen_conformance as shell
 from barewire_workbench.live.canopen_conformance import LiveDevice
-from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.run import run_cases, selected
 from tests.io.peers import answer, peer
 from tests.workbench.cli.helpers import run_here
 from tests.workbench.conform.canopen.devices import NODE, plain
+from tests.workbench.vectors.loaded import VECTORS
 
 pytestmark = pytest.mark.long
 
-CASES = {case["comment"]: case for file in load_vectors().files for case in file.cases if "framings" in case}
+CASES = {case["comment"]: case for file in VECTORS.files for case in file.cases if "framings" in case}
 FEW = ["03 with quantity 0", "17 writes before it reads", "five requests in one segment", "08/0B bus message count"]
 
 
@@ -70,7 +70,7 @@ def test_a_server_that_always_answers_the_same_fails() -> None:
     assert texts == ['run: answers is ["03 02 00 00"], expected [["83 03"]]']
 
 
-NODE_CASES = {case["name"]: case["id"] for file in load_vectors().files for case in file.cases if "effect" in case}
+NODE_CASES = {case["name"]: case["id"] for file in VECTORS.files for case in file.cases if "effect" in case}
 
 
 def test_a_running_device_passes_fails_lacks_what_a_case_needs_and_is_gone(monkeypatch: pytest.MonkeyPatch) -> None:
@@ -78,7 +78,7 @@ def test_a_running_device_passes_fails_lacks_what_a_case_needs_and_is_gone(monke
     device = plain(tpdo=0x4000_0180 + NODE)
     device.objects.replace(Entry(0x1000, 0, "device type", "u16", "const", 0x192))
     names = ["SDO-01", "SDO-45", "SEG-01", "SEG-40", "STO-01", "TPD-48"]
-    vectors = selected(load_vectors(), only=[NODE_CASES[name] for name in names])
+    vectors = selected(VECTORS, only=[NODE_CASES[name] for name in names])
     url = f"can://virtual/vectors?node={NODE}"
     monkeypatch.setattr(shell, "BOOT", 0.1)
     with CanopenServer(url, device=device) as server, LiveDevice(Endpoint.parse(f"{url}&timeout=0.2")) as ask:

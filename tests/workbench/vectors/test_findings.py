@@ -7,7 +7,7 @@ from pathlib import Path
 
 import pytest
 
-from barewire_workbench.vectors.files import load_vectors
+from tests.workbench.vectors.loaded import VECTORS
 from tools import findings
 from tools.findings import Finding
 from tools.peers import PEERS, Peer
@@ -29,7 +29,7 @@ def test_the_page_is_made_of_the_findings() -> None:
 
 
 def test_the_findings_of_barewire_name_cases_or_commands() -> None:
-    ids = {case["id"] for file in load_vectors().files for case in file.cases}
+    ids = {case["id"] for file in VECTORS.files for case in file.cases}
     shown = [one.shown_by for one in ALL["barewire"][1]]
     assert all(name in ids or name.startswith(("make ", "pytest ", "barewire ")) for name in shown)
     assert len(shown) >= 4

@@ -13,11 +13,11 @@ from pathlib import Path
 import pytest
 
 from barewire_workbench.live.vector_adapter import VectorAdapter
-from barewire_workbench.vectors.files import Vectors, load_vectors
+from barewire_workbench.vectors.files import Vectors
 from barewire_workbench.vectors.run import run_cases
+from tests.workbench.vectors.loaded import VECTORS
 
 FOLDER = Path(__file__).parents[3] / "vectors" / "examples" / "javascript"
-VECTORS = load_vectors()
 BEHAVIOUR = {"rtu-talk", "ascii-talk", "tcp-talk", "sdo-talk", "server", "client", "gateway", "device", "drive-path"}
 EVERY = 6
 

@@ -19,14 +19,13 @@ import pytest
 
 from barewire_workbench.live.vector_adapter import VectorAdapter
 from barewire_workbench.vectors.answers.table import own_answer
-from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import Answer, judge
 from barewire_workbench.vectors.questions import Question
 from barewire_workbench.vectors.run import AdapterFailure
+from tests.workbench.vectors.loaded import VECTORS
 from tools.peers import PEERS
 
 JUDGE = Path(__file__).parents[3] / "vectors" / "judge"
-VECTORS = load_vectors()
 DAMAGES = 4
 """Damaged answers to each question."""
 

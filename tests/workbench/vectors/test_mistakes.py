@@ -7,7 +7,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
-from barewire_workbench.vectors.files import load_vectors
+from tests.workbench.vectors.loaded import VECTORS
 from tools import vectors_mistakes, vectors_mutants
 from tools.peers import PEERS, ROOT
 
@@ -176,7 +176,7 @@ def test_a_mistake_is_planted_and_noticed() -> None:
         one for one in CATALOGUE if (one["stack"], one["what"]) == ("javascript", "the LRC is the sum itself")
     ]
     known: dict[str, set[str]] = {"javascript": set()}
-    case, wrong = vectors_mistakes.noticed(mistake, load_vectors(), known)
+    case, wrong = vectors_mistakes.noticed(mistake, VECTORS, known)
     assert case == mistake["case"]
     question, answer = next(iter(wrong.items()))
     programs = {"same": {question: answer}, "other": {question: "{}"}}

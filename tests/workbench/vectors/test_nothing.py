@@ -9,12 +9,11 @@ from typing import Any
 import pytest
 
 from barewire_workbench.vectors.answers.table import own_answer
-from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import Answer, judge
 from barewire_workbench.vectors.questions import Question
 from barewire_workbench.vectors.run import run_cases, selected
+from tests.workbench.vectors.loaded import VECTORS
 
-VECTORS = load_vectors()
 NO_STATE = {"drive-commands-15", "drive-commands-16", "drive-states-24", "drive-states-25", "drive-states-26"}
 """A word that is no state, or not this command: of the comparisons only these may be refused."""
 UNUSED = {f"heartbeat-consumer-{number}" for number in (3, 4, 5, 8, 9)}

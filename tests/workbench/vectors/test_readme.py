@@ -14,13 +14,12 @@ import pytest
 
 from barewire_workbench.live import vector_adapter
 from barewire_workbench.live.vector_adapter import VectorAdapter
-from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.judge import _UNORDERED, judge
 from barewire_workbench.vectors.questions import DESCRIPTION, Question
 from barewire_workbench.vectors.run import run_cases, selected
+from tests.workbench.vectors.loaded import VECTORS
 from tools.vectors_release import questions
 
-VECTORS = load_vectors()
 PAGES = Path(__file__).parents[3] / "vectors"
 TEXT = "\n".join((PAGES / name).read_text(encoding="utf-8") for name in ("START.md", "PROTOCOL.md", "CASES.md"))
 DESCRIBES = {*DESCRIPTION, "id", "result", "reason", "fails", "flags", "do"}

@@ -9,8 +9,8 @@ import sys
 import pytest
 
 from barewire_workbench.live.vector_adapter import VectorAdapter
-from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.run import run_cases, selected
+from tests.workbench.vectors.loaded import VECTORS
 from tools import vectors, vectors_mutants
 from tools.vectors_changes import mutants
 
@@ -36,7 +36,7 @@ def test_a_file_uses_the_standard_library_and_its_neighbours_alone(name: str) ->
 def test_the_reference_is_an_adapter() -> None:
     command = f'"{sys.executable}" "{vectors_mutants.REFERENCE / "main.py"}"'
     with VectorAdapter(command) as adapter:
-        checked = list(run_cases(selected(load_vectors(), kinds=["lrc", "sync"]), adapter))
+        checked = list(run_cases(selected(VECTORS, kinds=["lrc", "sync"]), adapter))
     assert adapter.name == "reference"
     assert {one.verdict.state for one in checked} == {"passed"}
 

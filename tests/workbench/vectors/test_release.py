@@ -22,13 +22,13 @@ import pytest
 
 from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.profiles import badge_svg, badge_texts, in_profile
+from tests.workbench.vectors.loaded import VECTORS
 from tools import vectors_release as release, vectors_verdicts
 from tools.vectors_verdicts import Demand
 
 pytestmark = pytest.mark.long
 
 ROOT = Path(__file__).parents[3]
-VECTORS = load_vectors(ROOT / "vectors")
 CHANGELOG = (ROOT / "vectors" / "CHANGELOG.md").read_text(encoding="utf-8")
 
 

@@ -15,12 +15,12 @@ from barewire_workbench.conform.canopen.model import NodeCase, NodeOutcome, Subj
 from barewire_workbench.conform.canopen.probe import probe
 from barewire_workbench.live.canopen_conformance import FILES
 from barewire_workbench.vectors.answers import device_conformance as conformance
-from barewire_workbench.vectors.files import load_vectors
 from tests.canopen.virtual_bus import Participant, VirtualBus
+from tests.workbench.vectors.loaded import VECTORS
 
 ADDRESS, LARGE, NODE = conformance.ADDRESS, conformance.LARGE, conformance.NODE
 plain = conformance.plain_device
-_CASES = {file.name: file.cases for file in load_vectors().files}
+_CASES = {file.name: file.cases for file in VECTORS.files}
 SCRIPTS = [case for name in FILES for case in _CASES[f"canopen/conform-{name}"]]
 
 

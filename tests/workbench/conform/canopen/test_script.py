@@ -10,7 +10,7 @@ from barewire.errors import EncodeError
 from barewire_workbench.conform.canopen.model import NodeStep, Subject
 from barewire_workbench.conform.canopen.script import Placeholders, applies, read_node_case
 from barewire_workbench.live.canopen_conformance import FILES, NODE_KIND, cases
-from barewire_workbench.vectors.files import load_vectors
+from tests.workbench.vectors.loaded import VECTORS
 
 VALUES = {
     (0x1018, 1): bytes.fromhex("60030000"),
@@ -173,5 +173,5 @@ def test_the_cob_id_of_a_pdo_that_is_not_the_first_is_switched_off_with_its_own_
 
 
 def test_every_file_of_the_kind_is_run() -> None:
-    found = {file.name for file in load_vectors().files if file.kind == NODE_KIND}
+    found = {file.name for file in VECTORS.files if file.kind == NODE_KIND}
     assert found == {f"canopen/conform-{name}" for name in FILES}
