@@ -49,8 +49,8 @@ for ignored in (signal.SIGINT, signal.SIGHUP):
 ROOT = Path(__file__).parent.parent
 PROGRAMS = ROOT / ".ci" / "apt-packages.txt"
 FIRST = [
-    *("model/test_one_line.py", "test_docs.py", "interop", "test_terminals.py"),
-    *("io", "website", "workbench/cli", "workbench/live", "model"),
+    *("test_terminals.py", "interop/canopen/test_canopen_guest.py", "website/test_explorer_page.py", "workbench/live"),
+    *("test_docs.py", "interop", "io", "website", "workbench/vectors", "workbench/cli", "model"),
 ]
 """The files and directories whose tests take longest, in the order in which they are run."""
 NO_SKIPS = "BAREWIRE_NO_SKIPS"
