@@ -32,7 +32,6 @@ from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDia
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.frames.can import explain_segment
 from barewire_workbench.frames.known_node import KnownNode
-from barewire_workbench.frames.modbus import explain_pdu
 from barewire_workbench.frames.modbus_exchanges import Exchanges, PairedExchange, UnitNames
 from barewire_workbench.frames.result import FrameRole, ProtocolName
 from barewire_workbench.live.listen import listen_with
@@ -70,15 +69,16 @@ Explained = list[tuple[str, Explanation]]
 
 
 class Row(NamedTuple):
-    """One line of the list. `what` is the time until the answer, or the service of CAN; `functions` is what a filter
-    finds; `line` is as `barewire sniff` prints it. `origin` are the events, or the frames of CAN, for a recording."""
+    """One line of the list. `what` is the time until the answer, or the service of CAN; `function` is the function
+    code, or the kind of an event; `line` is as `barewire sniff` prints it. `origin` are the events, or the frames of
+    CAN, for a recording."""
 
     at: float
     who: str
     what: str
     text: str
     wrong: bool
-    functions: tuple[str, ...]
+    function: str
     line: str
     origin: tuple[Any, ...]
     explained: Callable[[], Explained]
@@ -118,10 +118,11 @@ class Filter(NamedTuple):
         """Return whether a row is shown."""
         if (self.errors and not row.wrong) or (self.unit and row.who.rpartition(" ")[2] != self.unit):
             return False
-        if self.function.isdecimal() and self.function not in row.functions:
-            return False
-        if self.function and not any(self.function in name for name in row.functions):
-            return False
+        if self.function and self.function != row.function:
+            # The text of an exchange begins with the name of its function; `what` is a service, or begins with a digit.
+            texts = () if self.function.isdecimal() else (row.text.lower(), row.what.lower())
+            if not any(text.startswith(self.function) for text in texts):
+                return False
         return all(text in row.line.lower() for text in self.texts)
 
 
@@ -202,7 +203,7 @@ class HeardRows:
     def note(self, text: str) -> None:
         """Add a row about the recording itself, which is not counted."""
         with self._lock:
-            self._append(Row(self._latest, "", "note", text, False, (), text, (), list))
+            self._append(Row(self._latest, "", "note", text, False, "", text, (), list))
 
     def _append(self, row: Row) -> None:
         self._incoming.append(row)
@@ -323,7 +324,7 @@ class _ModbusRows:
                     after,
                     f"{exchange.text}{exchange.remark}",
                     exchange.wrong,
-                    _functions(exchange.events[0]),
+                    _function(exchange.events[0]),
                     str(exchange),
                     exchange.events,
                     partial(_explained, frames),
@@ -362,12 +363,11 @@ def _explained(frames: list[_Frame]) -> Explained:
     return [(f"{frame.word}  {frame.digits}", explain(frame.protocol, frame.data, frame.role)) for frame in frames]
 
 
-def _functions(event: SnifferEvent) -> tuple[str, ...]:
-    """Return the number and the name of the function of a frame."""
-    if not isinstance(event, RequestSeen | ResponseSeen | AmbiguousFrame):
-        return ()
-    name = explain_pdu(event.pdu, "response" if isinstance(event, ResponseSeen) else "request").summary
-    return str(event.pdu[0] & ~EXCEPTION_BIT), name.partition(",")[0].lower()
+def _function(event: SnifferEvent) -> str:
+    """Return the function code of a frame."""
+    if isinstance(event, RequestSeen | ResponseSeen | AmbiguousFrame):
+        return str(event.pdu[0] & ~EXCEPTION_BIT)
+    return ""
 
 
 # CAN
@@ -438,9 +438,8 @@ class KeepingMonitors(BusMonitors):
         several = len(self.monitors) > 1 and bus
         node, service, text = event_columns(event)
         who, line = (f"{bus} {node}", f"{bus}  {event_line(event)}") if several else (node, event_line(event))
-        kinds = event_kind(event), service.lower()
         origin = tuple(kept.item for kept in frames)
-        return Row(event.at, who, service, text, is_wrong(event), kinds, line, origin, explained)
+        return Row(event.at, who, service, text, is_wrong(event), event_kind(event), line, origin, explained)
 
 
 class _KeptFrame(NamedTuple):
