@@ -5,29 +5,23 @@ The page is checked by axe-core at the widths of a phone and of a desk, light an
 
 from __future__ import annotations
 
-import asyncio
-import threading
 import time
 from collections.abc import Iterator
-from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import Literal
 
 import pytest
-from playwright.sync_api import Browser, Page, expect
+from playwright.sync_api import Browser, expect
 
 from barewire import load
 from barewire.devices.sim import simulator
-from barewire_workbench.cli.panels.line import PanelLine, running
-from barewire_workbench.cli.panels.server import PanelServer
-from barewire_workbench.cli.panels.world import SimulatedWorld
 from barewire_workbench.cli.simulate import machine_server
+from tests.helpers import free_port
 from tests.website.accessibility import SCREENS, serious_faults
+from tests.website.panels import LOADED, opened, served, value_of
 from tools.website.browser import chromium
 
 pytestmark = [pytest.mark.needs("chromium"), pytest.mark.long]
-_LOADED = 60_000
-"""The longest time in milliseconds, on a machine that does much else."""
 
 
 @pytest.fixture(scope="module")
@@ -36,60 +30,11 @@ def browser() -> Iterator[Browser]:
         yield started
 
 
-@contextmanager
-def served(name: str, endpoint: str, options: str = "") -> Iterator[str]:
-    """Serve the panel of a simulated machine in a thread; yield its URL."""
-    urls: list[str] = []
-    started = threading.Event()
-    loop = asyncio.new_event_loop()
-    ended = asyncio.Event()
-
-    async def serve(line: PanelLine) -> None:
-        assert device.faults is not None
-        server = PanelServer(line, writable=True, world=SimulatedWorld(machine, device.faults))
-        await server.start()
-        urls.append(server.url)
-        started.set()
-        await ended.wait()
-        await server.close()
-
-    machine = simulator(name, time.monotonic())
-    with (
-        machine_server(endpoint, machine, faults=()) as device,
-        running(PanelLine(load(name), f"{device.url}?timeout=20{options}", period=0.1)) as line,
-    ):
-        thread = threading.Thread(target=loop.run_until_complete, args=(serve(line),))
-        thread.start()
-        try:
-            assert started.wait(30)
-            yield urls[0]
-        finally:
-            loop.call_soon_threadsafe(ended.set)
-            thread.join()
-            loop.close()
-
-
 @pytest.fixture
 def url() -> Iterator[str]:
     """Serve the panel of a simulated stepper drive."""
     with served("csd-mt", "rtu://pty") as started:
-        yield started
-
-
-def opened(browser: Browser, url: str, width: int = 1280, scheme: Literal["light", "dark"] = "light") -> Page:
-    page = browser.new_page(viewport={"width": width, "height": 900}, color_scheme=scheme)
-    page.set_default_timeout(_LOADED)
-    problems: list[str] = []
-    page.on("pageerror", lambda error: problems.append(str(error)))
-    page.on("request", lambda request: None if request.url.startswith(("data:", url[:20])) else problems.append("out"))
-    page.goto(url)
-    expect(page.locator("body.alive")).to_be_visible(timeout=_LOADED)
-    assert problems == []
-    return page
-
-
-def value_of(page: Page, name: str) -> Any:
-    return page.locator("#values tr", has=page.get_by_role("rowheader", name=name)).locator("td.value")
+        yield started.url
 
 
 def test_a_value_is_written_by_keyboard_after_its_frame_was_shown_and_both_browsers_see_it(
@@ -98,22 +43,22 @@ def test_a_value_is_written_by_keyboard_after_its_frame_was_shown_and_both_brows
     page, other = opened(browser, url), opened(browser, url, width=390)
     for each in (page, other):
         each.get_by_label("Group").select_option("Motion")
-        expect(value_of(each, "Profile Velocity")).to_have_text("24000 step/s", timeout=_LOADED)
+        expect(value_of(each, "Profile Velocity")).to_have_text("24000 step/s", timeout=LOADED)
     page.get_by_role("button", name="Write Profile Velocity").focus()
     page.keyboard.press("Enter")
     expect(page.get_by_role("button", name="Send it")).to_be_disabled()
     page.keyboard.type("-1")
     page.keyboard.press("Enter")
-    expect(page.locator("#plan .bad")).to_contain_text("expected", timeout=_LOADED)
+    expect(page.locator("#plan .bad")).to_contain_text("expected", timeout=LOADED)
     page.keyboard.press("Control+a")
     page.keyboard.type("7000")
     page.keyboard.press("Enter")
-    expect(page.locator("#plan .frame")).to_contain_text("Write Multiple Registers", timeout=_LOADED)
+    expect(page.locator("#plan .frame")).to_contain_text("Write Multiple Registers", timeout=LOADED)
     page.keyboard.press("Enter")
-    expect(page.locator("#write-result")).to_contain_text("the device has 7000 step/s", timeout=_LOADED)
+    expect(page.locator("#write-result")).to_contain_text("the device has 7000 step/s", timeout=LOADED)
     page.keyboard.press("Escape")
     for each in (page, other):
-        expect(value_of(each, "Profile Velocity")).to_have_text("7000 step/s", timeout=_LOADED)
+        expect(value_of(each, "Profile Velocity")).to_have_text("7000 step/s", timeout=LOADED)
         each.close()
 
 
@@ -121,7 +66,7 @@ def test_a_frame_is_explained_on_click(browser: Browser, url: str) -> None:
     page = opened(browser, url)
     page.get_by_role("button", name="Hold").click()
     page.locator("#frames button").first.click()
-    expect(page.locator("#explained")).to_contain_text("unit 1", timeout=_LOADED)
+    expect(page.locator("#explained")).to_contain_text("unit 1", timeout=LOADED)
     assert page.locator("#explained tr").count() >= 3
     page.close()
 
@@ -129,18 +74,18 @@ def test_a_frame_is_explained_on_click(browser: Browser, url: str) -> None:
 def test_a_drive_is_enabled_by_its_buttons_each_of_which_shows_its_frame(browser: Browser, url: str) -> None:
     page = opened(browser, url)
     drive = page.locator("#drive")
-    expect(drive.get_by_role("status")).to_have_text("switch on disabled", timeout=_LOADED)
+    expect(drive.get_by_role("status")).to_have_text("switch on disabled", timeout=LOADED)
     for command, state in (
         ("shutdown 2", "ready to switch on"),
         ("switch on 3", "switched on"),
         ("enable operation 4", "operation enabled"),
     ):
         drive.get_by_role("button", name=command).click()
-        expect(page.locator("#plan .frame")).to_contain_text("valid", timeout=_LOADED)
+        expect(page.locator("#plan .frame")).to_contain_text("valid", timeout=LOADED)
         page.get_by_role("button", name="Send it").click()
-        expect(page.locator("#write-result.good")).to_contain_text("Control Word", timeout=_LOADED)
+        expect(page.locator("#write-result.good")).to_contain_text("Control Word", timeout=LOADED)
         page.get_by_role("button", name="Close").click()
-        expect(drive.get_by_role("status")).to_have_text(state, timeout=_LOADED)
+        expect(drive.get_by_role("status")).to_have_text(state, timeout=LOADED)
     page.close()
 
 
@@ -156,18 +101,18 @@ def test_the_scope_records_once_a_value_passes_the_level_and_saves_csv_and_svg(b
     scope.get_by_label("Run").select_option("rise")
     scope.get_by_label("Level").fill("30000")
     scope.get_by_label("Level").blur()
-    expect(scope.get_by_role("status")).to_have_text("waiting for the trigger", timeout=_LOADED)
-    expect(scope.locator("canvas")).to_be_visible(timeout=_LOADED)
-    expect(value_of(page, "Profile Velocity")).to_have_text("24000 step/s", timeout=_LOADED)
+    expect(scope.get_by_role("status")).to_have_text("waiting for the trigger", timeout=LOADED)
+    expect(scope.locator("canvas")).to_be_visible(timeout=LOADED)
+    expect(value_of(page, "Profile Velocity")).to_have_text("24000 step/s", timeout=LOADED)
     page.wait_for_timeout(500)  # some samples below the level
     page.get_by_role("button", name="Write Profile Velocity").click()
     page.get_by_label("New value").fill("40000")
     page.get_by_role("button", name="Show the frame").click()
-    expect(page.locator("#plan .frame")).to_contain_text("valid", timeout=_LOADED)
+    expect(page.locator("#plan .frame")).to_contain_text("valid", timeout=LOADED)
     page.get_by_role("button", name="Send it").click()
-    expect(page.locator("#write-result.good")).to_contain_text("Profile Velocity", timeout=_LOADED)
+    expect(page.locator("#write-result.good")).to_contain_text("Profile Velocity", timeout=LOADED)
     page.get_by_role("button", name="Close").click()
-    expect(scope.get_by_role("status")).to_contain_text("triggered", timeout=_LOADED)
+    expect(scope.get_by_role("status")).to_contain_text("triggered", timeout=LOADED)
     files = []
     for name in ("CSV", "SVG"):
         with page.expect_download() as download:
@@ -181,26 +126,26 @@ def test_the_scope_records_once_a_value_passes_the_level_and_saves_csv_and_svg(b
 
 
 def test_the_ramp_of_a_soft_starter_is_set_started_drawn_and_stopped(browser: Browser) -> None:
-    with served("adxl", "rtu://pty") as url:
-        page = opened(browser, url)
+    with served("adxl", "rtu://pty") as panel:
+        page = opened(browser, panel.url)
         ramp, confirmation = page.locator("#ramp"), page.locator("#write")
-        expect(ramp.get_by_role("heading", name="Ramp")).to_contain_text("Starter ready", timeout=_LOADED)
+        expect(ramp.get_by_role("heading", name="Ramp")).to_contain_text("Starter ready", timeout=LOADED)
         ramp.get_by_role("button", name="Read P01.04 acceleration time").press("Enter")
         value = ramp.get_by_role("row", name="P01.04").locator("td.value")
-        expect(value).to_have_text("10 s", timeout=_LOADED)
+        expect(value).to_have_text("10 s", timeout=LOADED)
         ramp.get_by_role("button", name="Write P01.04 acceleration time").click()
         page.get_by_label("New value").fill("120")
         page.keyboard.press("Enter")
-        expect(confirmation.locator(".frame")).to_have_count(4, timeout=_LOADED)  # three numbers, then the value
+        expect(confirmation.locator(".frame")).to_have_count(4, timeout=LOADED)  # three numbers, then the value
         page.get_by_role("button", name="Send it").click()
-        expect(value).to_have_text("120 s", timeout=_LOADED)
+        expect(value).to_have_text("120 s", timeout=LOADED)
         page.keyboard.press("Escape")
         for button, status in (("Start", "Acceleration ramp"), ("Stop", "Deceleration ramp")):
             ramp.get_by_role("button", name=button).click()
-            expect(confirmation.locator(".frame")).to_contain_text("Write Single Register", timeout=_LOADED)
+            expect(confirmation.locator(".frame")).to_contain_text("Write Single Register", timeout=LOADED)
             page.get_by_role("button", name="Send it").click()
             page.get_by_role("button", name="Close").click()
-            expect(ramp.get_by_role("heading", name="Ramp")).to_contain_text(status, timeout=_LOADED)
+            expect(ramp.get_by_role("heading", name="Ramp")).to_contain_text(status, timeout=LOADED)
         with page.expect_download() as download:
             ramp.get_by_role("button", name="CSV").click()
         first, *rows = Path(download.value.path()).read_text(encoding="utf-8").splitlines()
@@ -209,33 +154,70 @@ def test_the_ramp_of_a_soft_starter_is_set_started_drawn_and_stopped(browser: Br
         page.close()
 
 
+def test_an_az3_on_a_can_bus_shows_values_and_states_and_takes_a_write(browser: Browser) -> None:
+    with served("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0") as panel:
+        page = opened(browser, panel.url)
+        page.get_by_label("Group").select_option("Control word, mode, targets and limits")
+        expect(value_of(page, "TARGET VELOCITY")).to_have_text("0 User units", timeout=LOADED)
+        page.get_by_role("button", name="Write TARGET VELOCITY").click()
+        page.get_by_label("New value").fill("1500")
+        page.keyboard.press("Enter")
+        expect(page.locator("#plan .frame")).to_contain_text("DC050000", timeout=LOADED)
+        page.get_by_role("button", name="Send it").click()
+        expect(value_of(page, "TARGET VELOCITY")).to_have_text("1500 User units", timeout=LOADED)
+        page.get_by_role("button", name="Close").click()
+        page.locator("#drive").get_by_role("button", name="shutdown 2").click()
+        page.get_by_role("button", name="Send it").click()
+        expect(page.locator("#drive").get_by_role("status")).to_have_text("ready to switch on", timeout=LOADED)
+        expect(page.locator("#diagnosis")).to_contain_text("nothing wrong in the last", timeout=LOADED)
+        page.close()
+
+
+def test_a_page_that_stays_open_recovers_when_the_machine_is_started_again(browser: Browser, tmp_path: Path) -> None:
+    line = f"rtu://{tmp_path}/line"
+    with served("csd-mt", line, f"{line}?timeout=1") as panel:
+        page = opened(browser, panel.url)
+        page.get_by_label("Group").select_option("Motion")
+        expect(value_of(page, "Profile Velocity")).to_have_text("24000 step/s", timeout=LOADED)
+        panel.device.close()
+        expect(page.locator("body.dead #state-text")).to_contain_text("no answer for", timeout=LOADED)
+        other = simulator("csd-mt", time.monotonic())
+        other.store.cell("Profile Velocity").set(7000)
+        with machine_server(line, other):
+            expect(page.locator("body.alive")).to_be_visible(timeout=LOADED)
+            expect(value_of(page, "Profile Velocity")).to_have_text("7000 step/s", timeout=LOADED)
+        page.close()
+
+
 def test_faults_and_the_world_are_switched_by_keyboard_and_are_seen_in_frames_and_values(
     browser: Browser, url: str
 ) -> None:
     page, other = opened(browser, url), opened(browser, url)
     page.get_by_label("Group").select_option("Motion")
-    expect(page.locator("#diagnosis")).to_contain_text("nothing wrong in the last", timeout=_LOADED)
+    expect(page.locator("#diagnosis")).to_contain_text("nothing wrong in the last", timeout=LOADED)
+    for each in (page, other):
+        each.locator("#world summary").press("Enter")
     world = page.locator("#world")
     world.get_by_label("exception: percent of the responses").fill("100")
     world.get_by_label("exception: code").fill("04")
     world.get_by_role("switch", name="exception").press("Space")
-    expect(value_of(page, "Profile Velocity")).to_contain_text("exception 04", timeout=_LOADED)
-    expect(page.locator("#frames button", has_text="01 83 04").first).to_be_visible(timeout=_LOADED)
-    expect(page.locator("#diagnosis-title")).to_contain_text("a device refused", timeout=_LOADED)
-    expect(page.locator("#diagnosis li").first).to_contain_text("exception 04 of unit 1", timeout=_LOADED)
-    expect(other.get_by_role("switch", name="exception")).to_be_checked(timeout=_LOADED)
+    expect(value_of(page, "Profile Velocity")).to_contain_text("exception 04", timeout=LOADED)
+    expect(page.locator("#frames button", has_text="01 83 04").first).to_be_visible(timeout=LOADED)
+    expect(page.locator("#diagnosis-title")).to_contain_text("a device refused", timeout=LOADED)
+    expect(page.locator("#diagnosis li").first).to_contain_text("exception 04 of unit 1", timeout=LOADED)
+    expect(other.get_by_role("switch", name="exception")).to_be_checked(timeout=LOADED)
     world.get_by_role("switch", name="exception").press("Space")
-    expect(value_of(page, "Profile Velocity")).to_have_text("24000 step/s", timeout=_LOADED)
-    expect(other.get_by_role("switch", name="exception")).not_to_be_checked(timeout=_LOADED)
+    expect(value_of(page, "Profile Velocity")).to_have_text("24000 step/s", timeout=LOADED)
+    expect(other.get_by_role("switch", name="exception")).not_to_be_checked(timeout=LOADED)
     world.get_by_label("ambient").fill("warm")
     page.keyboard.press("Enter")
-    expect(world.locator("[role=status]")).to_contain_text("expected a number behind =, found 'warm'", timeout=_LOADED)
+    expect(world.locator("[role=status]")).to_contain_text("expected a number behind =, found 'warm'", timeout=LOADED)
     group = next(row.group for row in load("csd-mt").parameters if row.name == "Digital Input")
     page.get_by_label("Group").select_option(group)
-    expect(value_of(page, "Digital Input")).to_contain_text("no bit set", timeout=_LOADED)
+    expect(value_of(page, "Digital Input")).to_contain_text("no bit set", timeout=LOADED)
     world.get_by_label("I2").fill("on")
     page.keyboard.press("Tab")
-    expect(value_of(page, "Digital Input")).not_to_contain_text("no bit set", timeout=_LOADED)
+    expect(value_of(page, "Digital Input")).not_to_contain_text("no bit set", timeout=LOADED)
     for each in (page, other):
         each.close()
 
@@ -246,7 +228,7 @@ def test_without_the_token_the_page_says_how_to_get_it(browser: Browser, url: st
     page.get_by_role("button", name="Write Profile Velocity").click()
     page.get_by_label("New value").fill("6000")
     page.get_by_role("button", name="Show the frame").click()
-    expect(page.locator("#plan .bad")).to_contain_text("open the URL that the command has printed", timeout=_LOADED)
+    expect(page.locator("#plan .bad")).to_contain_text("open the URL that the command has printed", timeout=LOADED)
     page.close()
 
 

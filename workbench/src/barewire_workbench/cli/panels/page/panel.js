@@ -116,10 +116,11 @@ function showFrames(frames) {
     const button = element("button", { onclick: () => explain(number, button), title: verdict },
       `${direction === "sent" ? "→" : "←"} `, element("span", { class: "unseen" }, direction), digits);
     if (!valid) button.classList.add("bad");
-    list.append(element("li", { class: valid ? "valid" : "wrong" }, button));
+    const item = element("li", { class: valid ? "valid" : "wrong" }, button);
+    item.hidden = valid && at("bad-only").checked;
+    list.append(item);
   }
   while (list.childElementCount > KEPT) list.firstElementChild.remove();
-  list.querySelectorAll(".valid").forEach((item) => { item.hidden = at("bad-only").checked; });
   if (atEnd) box.scrollTop = box.scrollHeight;
 }
 
@@ -201,13 +202,19 @@ async function send() {
 
 // Start
 
+// A browser opens six connections to one server: a page that nobody sees leaves its own to the others, unless it records.
+document.onvisibilitychange = () => {
+  if (!document.hidden) listen();
+  else if (!scope.names.length) stream.close();
+};
 at("show-plan").onclick = showPlan;
 at("send").onclick = send;
 at("write-text").oninput = planChanged;
 at("write-text").onkeydown = (event) => { if (event.key === "Enter") { event.preventDefault(); showPlan(); } };
 at("write-choice").onchange = () => { at("write-text").value = at("write-choice").value; planChanged(); };
 at("hold").onclick = () => { held = !held; at("hold").setAttribute("aria-pressed", held); };
-at("bad-only").onchange = () => showFrames([]);
+at("bad-only").onchange = () =>
+  at("frames").querySelectorAll(".valid").forEach((item) => { item.hidden = at("bad-only").checked; });
 at("group").onchange = () => showGroup(at("group").value);
 
 device = await asked("device.json");

@@ -7,7 +7,6 @@ import { element } from "./dom.js";
     Returns a function that takes each new state. */
 export function showWorld(section, send) {
   section.hidden = false;
-  section.querySelector("details").open = innerWidth > 1000;
   const status = section.querySelector("[role=status]");
   const [environment, faults] = section.querySelectorAll(".fields");
   const changers = new Map();  // kind and name -> shows a new state in its row
