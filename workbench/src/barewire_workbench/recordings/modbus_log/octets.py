@@ -347,7 +347,7 @@ def split_octets(line: str) -> Octets | None:
     """Split a line into what stands before its bytes, and the bytes; None if it does not end with two bytes or more.
 
     >>> split_octets("recv: 0x1 0x83 0x2 0xc0 0xf1")
-    Octets(before='recv: ', data=b'\\x01\\x83\\x02\\xc0\\xf1', decimal=None)
+    Octets(before='recv:', data=b'\\x01\\x83\\x02\\xc0\\xf1', decimal=None)
     >>> split_octets("TX: 1, 3, 0, 22, 0, 2, 37, 207").decimal.hex(" "), split_octets("nothing at all")
     ('01 03 00 16 00 02 25 cf', None)
     """
