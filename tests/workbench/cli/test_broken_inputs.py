@@ -42,3 +42,15 @@ def test_no_thread_is_accused_of_something_else() -> None:
     judgements = {case["url"]: diagnosis_table.judged(case)[0] for case in threads}
     assert {url for url, judgement in judgements.items() if judgement == "wrong"} == set()
     assert list(judgements.values()).count("right") >= 0.9 * len(judgements)
+
+
+def test_the_record_of_the_unseen_threads_is_complete_and_the_page_has_its_figures() -> None:
+    unseen = diagnosis_table.posted("fresh")
+    assert len({case["url"] for case in unseen}) == len(unseen) == 100
+    words = diagnosis_table.JUDGEMENTS
+    for case in unseen:
+        assert case["judgement"] == max(case.get("twice", [case["judgement"]]), key=words.index), case["url"]
+        assert ("why" in case) == (case["judgement"] in ("missed", "wrong")), case["url"]
+    judgements = [case["judgement"] for case in unseen]
+    figures = ", ".join(f"{judgements.count(word)} {word}" for word in words)
+    assert f"- 100 threads: {figures}." in diagnosis_table.PAGE.read_text(encoding="utf-8")
