@@ -55,6 +55,7 @@ export interface Profile {
   files?: string[];
   without_kinds?: string[];
   without?: string[];
+  without_lines?: string[];
   first?: number;
 }
 

@@ -40,11 +40,12 @@ exports.fits = (pattern, text) =>
 
 // The cases of a profile, as in `cases`: profiles.json has its rules.
 exports.inProfile = (name) => {
-  const { kinds, files = ['*'], without_kinds: withoutKinds = [], without = [], first = Infinity } = exports.profiles[name];
+  const { kinds, files = ['*'], without_kinds: withoutKinds = [], without = [], without_lines: lines = [], first = Infinity } =
+    exports.profiles[name];
   const counts = {};
   return exports.cases.filter(({ kind, file, case: one }) => {
     const isThere = (kinds ?? [kind]).includes(kind) && !withoutKinds.includes(kind) && files.some((pattern) => exports.fits(pattern, file));
-    if (!isThere || (one.flags ?? []).some((flag) => without.includes(flag))) return false;
+    if (!isThere || (one.flags ?? []).some((flag) => without.includes(flag)) || lines.includes(one.server?.line)) return false;
     counts[file] = (counts[file] ?? 0) + 1;
     return counts[file] <= first;
   });

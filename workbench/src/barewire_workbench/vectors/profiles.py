@@ -6,6 +6,7 @@ vectors/profiles.json has the rules. A case belongs to a profile if all of these
     files           its file fits one of these names, in which * stands for any characters
     without_kinds   its kind is none of these
     without         it has none of these flags
+    without_lines   the line of its server is none of these
     first           it is one of the first so many of its file that fit the other rules
 """
 
@@ -40,8 +41,9 @@ def _has_file(file: VectorFile, rules: Mapping[str, Any]) -> bool:
 
 
 def _chosen(file: VectorFile, rules: Mapping[str, Any]) -> tuple[Any, ...]:
-    flags = {*rules.get("without", ())}
-    return tuple(case for case in file.cases if not flags & {*case.get("flags", ())})[: rules.get("first")]
+    flags, lines = {*rules.get("without", ())}, {*rules.get("without_lines", ())}
+    cases = (case for case in file.cases if not flags & {*case.get("flags", ())})
+    return tuple(case for case in cases if case.get("server", {}).get("line") not in lines)[: rules.get("first")]
 
 
 # The badge --------------------------------------------------------------------------------------------------------

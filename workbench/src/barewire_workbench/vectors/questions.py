@@ -197,7 +197,7 @@ def _side(do: str, case: Case) -> Case:
         fields["arrived"] = _but_never(case["value"], case)
     if do == "client":
         ends = case["ends"] if case["ends"] == "done" else {"abort": case["ends"]["abort"]}
-        fields["ends"] = _but_never(ends, case) if downloads else ends
+        fields["ends"] = _but_never(ends, case) if case.get("never") == "done" else ends
     return fields
 
 
