@@ -117,6 +117,7 @@ export class SdoClient {
 
   blockDownloadBegins(frame) {
     if ((frame[0] & 0xe3) !== 0xa0) return this.abort('05040001');
+    if (!this.answers(frame)) return [];
     if (frame[4] < 1 || frame[4] > 127) return this.abort('05040002');
     this.sender = new BlockSender(this.value, frame[4], this.block.crc && (frame[0] & 4) !== 0);
     this.state = this.blocksOut;
@@ -134,6 +135,7 @@ export class SdoClient {
   blockUploadBegins(frame) {
     if (frame[0] >> 5 === 2) return this.uploadBegins(frame); // the value is below the protocol switch threshold
     if ((frame[0] & 0xe1) !== 0xc0) return this.abort('05040001');
+    if (!this.answers(frame)) return [];
     this.announced = frame[0] & 2 ? fromLittle(frame.slice(4)) : null;
     this.receiver = new BlockReceiver(this.block.size, this.block.crc && (frame[0] & 4) !== 0);
     this.state = this.blocksIn;
