@@ -54,6 +54,12 @@ ASKING: ContextVar[Ask] = ContextVar("ASKING")
 """The question of the present thread or task."""
 
 
+LAST_QUESTIONS = (200, 201)
+"""Two questions, a minute apart. The connection may be closed before the first, behind which a serial server may have
+kept bytes: from the new connection on the windows of pending answers count again, and if the unit ignores probes, the
+first question is not sent. The second one must be answered."""
+
+
 class ClientLine(UnitsOnLine):
     """The units, and what every run of a client on their line must satisfy."""
 
@@ -63,6 +69,8 @@ class ClientLine(UnitsOnLine):
         self.options = choices.take(setup.options)
         self.arrived: set[int] = set()
         """The questions whose answers arrived."""
+        self.got_right: set[int] = set()
+        """The questions that got the right answer."""
         self.sent_at = 0.0
         self.is_transmitting = False
         """Whether what is executed belongs to the units, and not to the client."""
@@ -178,6 +186,7 @@ class ClientLine(UnitsOnLine):
             registers = getattr(outcome, "registers", (ask.number,))
             own = own and (registers == (ask.number,) or ask.question is READ_IMAGE)
             tally.right += own
+            self.got_right |= {ask.number} if own else set()
         if not own and not isinstance(
             outcome, NoAnswer | PortError | KeyboardInterrupt | Alarm | asyncio.CancelledError
         ):
@@ -187,12 +196,12 @@ class ClientLine(UnitsOnLine):
         most = 1 + self.repeats(ask) * (1 + self.failures)
         assert sent <= most, f"question {ask.number} of {self.choices.script}: sent {sent} times"
 
-    def last_question(self) -> Ask:
-        """Return a question that must be answered, at a time when nothing of the trouble is left."""
+    def last_question(self, number: int) -> Ask:
+        """Return one of LAST_QUESTIONS, at a time when nothing of the trouble is left."""
         self.setup = replace(self.setup, fates=(Fate.ARRIVES,), delays=(0.002,))
         self.fails_at, self.is_over = FOREVER, True
         self.coming.clear()
-        return Ask(200, READ, {})
+        return Ask(number, READ, {})
 
     def reconnect(self) -> None:
         """Open a connection after one that failed. PortError if that fails too."""
