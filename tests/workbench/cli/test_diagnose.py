@@ -195,6 +195,22 @@ def test_a_text_without_bytes_ends_with_its_verdict_and_status_1(tmp_path: Path)
     assert done.stdout.startswith("verdict: there are no bytes, so that no cause is proved [no-bytes]: ")
 
 
+def test_bytes_that_no_form_reads_and_an_error_have_a_verdict_that_names_their_line(tmp_path: Path) -> None:
+    text = tmp_path / "posted.txt"
+    text.write_text("17:40:53 DMP: 01 03 04 00 17 00\n17:40:53 DBG: response error 8\n")
+    done = run_here("diagnose", str(text))
+    assert done.returncode == 1
+    assert "line 1: 'M' at 10 is not a hexadecimal digit; expected a recording" in done.stderr
+    assert "the bytes in the text are in a form that is not read" in done.stdout
+    assert "line 1 has 01 03 04 00 17" in done.stdout
+
+
+def test_words_about_an_error_do_not_hide_bytes_that_are_read(tmp_path: Path) -> None:
+    log = tmp_path / "read.log"
+    log.write_text(poll(1) + "\nerror: modbus timeout in 01 02 03 04 05 06\n")
+    assert "[no-bytes]" not in run_here("diagnose", str(log)).stdout
+
+
 def test_digits_of_a_message_are_no_bytes_of_a_line(tmp_path: Path) -> None:
     text = tmp_path / "error.txt"
     text.write_text("Error in plugin: modbus: response transaction id '7616' does not match request '7617'\n")

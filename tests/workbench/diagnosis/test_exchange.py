@@ -41,7 +41,7 @@ def test_a_response_to_its_request_has_no_finding(request_pdu: str, response_pdu
     [
         ("03 0000 0001", "04 02 0007", "wrong-answer", "function 04 answers, and 03 was asked"),
         ("03 0000 0001", "84 02", "wrong-answer", "function 84 answers, and 03 was asked"),
-        ("03 0000 0001", "03 04 0007 0008", "wrong-answer", "byte_count 4 where 2 was asked"),
+        ("03 0000 0001", "03 04 0007 0008", "wrong-answer", "2 registers where 1 was asked"),
         ("06 0001 0007", "06 0002 0007", "wrong-answer", "address 2 where 1 was asked"),
         ("03 0000 0001", "03 0000 0001", "echo", "the reader has read what it sent"),
         ("03 9C41 0001", "83 02", "address-base", "9C41h is 40001"),
@@ -186,3 +186,47 @@ def test_a_good_request_for_the_number_of_a_manual_gets_a_note(pdu: str, note: s
     assert explained.valid
     assert explained.diagnosis == ()
     assert [(found.code, found.text) for found in explained.notes] == ([("address-base", note)] if note else [])
+
+
+# A byte count that was not asked for ---------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize(
+    ("request_pdu", "response_pdu", "words"),
+    [
+        (
+            "03 0010 0002",
+            "03 08 0001 0002 0003 0004",
+            "the device sent 4 registers where 2 were asked: longer registers",
+        ),
+        ("04 0010 0001", "04 04 0001 0002", "the device sent 2 registers where 1 was asked: longer registers"),
+        ("03 0010 0003", "03 02 0001", "the device sent 1 register where 3 were asked: another type"),
+        ("17 0000 0002 0005 0001 02 0007", "17 06 0001 0002 0003", "the device sent 3 registers where 2 were asked"),
+        ("01 0000 0008", "01 02 0100", "the device sent 2 bytes where 1 was asked, for 8 coils"),
+        ("02 0000 0010", "02 03 010000", "the device sent 3 bytes where 2 were asked, for 16 discrete inputs"),
+    ],
+)
+def test_a_byte_count_that_was_not_asked_for_is_called_that(request_pdu: str, response_pdu: str, words: str) -> None:
+    (finding,) = exchanged(request_pdu, response_pdu).diagnosis
+    assert finding.code == "wrong-answer"
+    assert finding.text.startswith(words)
+    assert "a wrong count" in finding.text
+    assert "another request" not in finding.text
+
+
+def test_a_serial_line_may_bring_a_late_response_and_a_transaction_of_tcp_may_not() -> None:
+    asked, answered = bytes.fromhex("03 0010 0002"), bytes.fromhex("03 08 0001 0002 0003 0004")
+    texts = {
+        "rtu": explain_exchange("rtu", rtu.encode(1, asked).hex(), rtu.encode(1, answered).hex()),
+        "tcp": explain_exchange("tcp", tcp.encode(1, asked, 7).hex(), tcp.encode(1, answered, 7).hex()),
+    }
+    late = {framing: "a late response" in explained.diagnosis[0].text for framing, explained in texts.items()}
+    assert late == {"rtu": True, "tcp": False}
+
+
+def test_a_byte_count_of_another_unit_or_transaction_is_no_answer_to_this_request() -> None:
+    other_unit = exchanged("03 0010 0002", "03 08 0001 0002 0003 0004", answering=2).diagnosis
+    assert [finding.text.partition(":")[0] for finding in other_unit] == [
+        "unit 2 answers, and unit 1 was asked",
+        "the response is to another request",
+    ]

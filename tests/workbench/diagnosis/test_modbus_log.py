@@ -11,6 +11,7 @@ import pytest
 
 from barewire.ascii import encode as ascii_frame
 from barewire.rtu import RtuLine, Timing, encode
+from barewire.tcp import encode as tcp_frame
 from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDiagnosis
 from barewire_workbench.diagnosis.verdict import VERDICTS, VerdictCode
 from barewire_workbench.recordings.modbus_log import read_modbus_log
@@ -245,6 +246,42 @@ def test_a_client_that_repeats_a_request_after_its_time_out_is_no_echo() -> None
     assert [(verdict.code, verdict.evidence) for verdict in verdicts] == [
         ("lost-answers", "6 of 12 requests have no response, of unit 1")
     ]
+
+
+LONG = bytes.fromhex("03 06 0017 0007 0009")
+
+
+@pytest.mark.parametrize("form", ["times", "words"])
+@pytest.mark.parametrize("framing", ["rtu", "ascii", "tcp"])
+def test_the_verdict_names_the_byte_count_that_was_not_asked_for(framing: str, form: str) -> None:
+    encoded = {"rtu": encode, "ascii": ascii_frame, "tcp": tcp_frame}[framing]
+    traffic = [Sent(1.0, encoded(1, bytes.fromhex("03 0010 0002")), True), Sent(1.02, encoded(1, LONG), False)]
+    findings, verdicts = diagnosed(log_of(traffic, "capture" if framing == "tcp" else form))
+    assert [found.finding.code for found in findings] == ["wrong-answer"]
+    assert findings[0].finding.text.startswith("the device sent 3 registers where 2 were asked")
+    (verdict,) = verdicts
+    assert verdict.code == "nothing-proved"
+    assert "1 wrong-answer of unit 1 (3 registers where 2 were asked)" in verdict.evidence
+    assert "without its request" not in verdict.evidence
+
+
+def test_an_earlier_open_request_of_that_length_proves_a_late_response() -> None:
+    earlier = Sent(1.0, encode(1, bytes.fromhex("03 0010 0003")), True)
+    request = Sent(2.0, encode(1, bytes.fromhex("03 0010 0002")), True)
+    findings, _ = diagnosed(log_of([earlier, request, Sent(2.02, encode(1, LONG), False)], "times"))
+    assert "late-answer" in {found.finding.code for found in findings}
+    assert not any("3 registers where 2" in found.finding.text for found in findings)
+
+
+@pytest.mark.parametrize("order", [(7, 8), (8, 7)])
+def test_on_tcp_another_open_request_of_that_length_proves_an_exchanged_transaction(order: tuple[int, int]) -> None:
+    pdus = {7: bytes.fromhex("03 0010 0003"), 8: bytes.fromhex("03 0010 0002")}
+    requests = [
+        Sent(1.0 + 0.001 * place, tcp_frame(1, pdus[number], number), True) for place, number in enumerate(order)
+    ]
+    findings, _ = diagnosed(log_of([*requests, Sent(1.02, tcp_frame(1, LONG, 8), False)], "capture"))
+    (wrong,) = [found.finding for found in findings if found.finding.code == "wrong-answer"]
+    assert wrong.text.startswith("the response is to another request: to that of transaction 7")
 
 
 def test_a_response_of_another_unit_is_a_wrong_answer() -> None:

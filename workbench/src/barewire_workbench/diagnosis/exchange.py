@@ -238,10 +238,47 @@ def _exchange(
         if error.code == ILLEGAL_DATA_ADDRESS:
             yield from _address_base(sent.pdu, known)
     except DecodeError as error:
-        if error.reason == "mismatch":
+        is_answer = (sent.unit, sent.transaction) == (received.unit, received.transaction)
+        count = other_count(sent.pdu, received.pdu) if is_answer else ""
+        if count:
+            yield wrong(f"the device sent {count}: {_count_causes(sent, received)}")
+        elif error.reason == "mismatch":
             yield wrong(f"the response is to another request: {error.text}")
     else:
         yield from _word_order(received.pdu, values)
+
+
+_REGISTERS, _BITS = (0x03, 0x04, 0x17), {0x01: "coil", 0x02: "discrete input"}
+
+
+def other_count(request: bytes, response: bytes) -> str:
+    """Return how many registers or bytes a whole response has, and how many were asked; empty if the numbers are equal.
+
+    >>> other_count(bytes.fromhex("03 0010 0002"), bytes.fromhex("03 06 0017 0007 0009"))
+    '3 registers where 2 were asked'
+    """
+    function = request[0]
+    if function != response[0] or (function not in _REGISTERS and function not in _BITS) or len(request) < 5:
+        return ""
+    quantity, size = int.from_bytes(request[3:5], "big"), len(response) - 2
+    if size < 1 or response[1] != size or (function in _REGISTERS and size % 2):
+        return ""  # an empty or a broken response
+    asked, sent = (quantity, size // 2) if function in _REGISTERS else ((quantity + 7) // 8, size)
+    if asked == sent:
+        return ""
+    unit = "register" if function in _REGISTERS else "byte"
+    text = f"{counted(sent, unit)} where {asked} {'was' if asked == 1 else 'were'} asked"
+    return f"{text}, for {counted(quantity, _BITS[function])}" if function in _BITS else text
+
+
+def _count_causes(sent: Adu, received: Adu) -> str:
+    """Return what another count than asked may come from; a transaction of TCP rules out a late response."""
+    causes = ["another type", "a wrong count"]
+    if sent.pdu[0] in _REGISTERS and received.pdu[1] > 2 * int.from_bytes(sent.pdu[3:5], "big"):
+        causes.insert(0, "longer registers")
+    if sent.transaction is None:
+        causes.append("a late response to an earlier request")
+    return f"{', '.join(causes[:-1])}, or {causes[-1]}"
 
 
 def _never_echoes(pdu: bytes) -> bool:

@@ -26,6 +26,7 @@ from barewire_workbench.diagnosis.exchange import (
     exchange_findings,
     frame_of,
     lost_end,
+    other_count,
     response_size,
     shown_digits,
 )
@@ -87,12 +88,13 @@ _DIAGNOSTICS, _LISTEN_ONLY = 0x08, b"\x00\x04"
 
 
 class Located(NamedTuple):
-    """A finding, and the piece of the log at which it is."""
+    """A finding, and the piece of the log at which it is. `said` is what the verdict says beside its code."""
 
     unit: int
     finding: Finding
     at: float
     line: int
+    said: str = ""
 
 
 class Overlap:
@@ -147,6 +149,7 @@ class LineDiagnosis:
         self._lines: deque[tuple[tuple[float, int, bytes], Piece]] = deque(maxlen=_KEPT)
         self._spoiled: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # requests whose response is damaged
         self._answered: ResponseSeen | None = None  # the last response, if it has a request
+        self._other_count: ResponseSeen | None = None  # the last response with another count than its request asked
         self._overlap: Overlap | None = None
         self._half: AmbiguousFrame | None = None  # the next frame decides whether it is a wrong response to this one
         self._given_up: deque[RequestSeen] = deque(maxlen=_KEPT)  # requests whose response may still come
@@ -179,9 +182,9 @@ class LineDiagnosis:
             causes.append(LineVerdict("nothing-heard", "nothing was received", "no byte"))
         return causes or verdicts_without_cause(self.found, self.unsettled, counts.seen())
 
-    def _log_finding(self, unit: int, finding: Finding, at: float, line: int) -> LogFinding:
+    def _log_finding(self, unit: int, finding: Finding, at: float, line: int, said: str = "") -> LogFinding:
         place = ", ".join(filter(None, (self.name, f"unit {unit}" if unit else "")))
-        self.found.add(finding.code, place or "the line")
+        self.found.add(finding.code, (place or "the line") + (f" ({said})" if said else ""))
         return LogFinding(at, line, place, finding, self._timed)
 
     # Pieces: frames and noise
@@ -440,9 +443,11 @@ class LineDiagnosis:
             text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
             proof = f"{shown_digits(before.pdu)}, then {shown_digits(event.pdu)}"
             yield self._located(event, Finding("two-answers", text, proof))
-        elif (finding := self._wrong_answer(event)) is not None:
+        elif event is self._other_count:
+            return  # it has its finding, and its request is known
+        elif (wrong := self._wrong_answer(event)) is not None:
             unit.wrong += 1
-            yield self._located(event, finding)
+            yield wrong
         elif (asked := self._exchanged(event)) is not None:
             unit.wrong += 1
             text = "the two bytes of the transaction identifier are exchanged"
@@ -491,13 +496,28 @@ class LineDiagnosis:
             if len(self._open) > _KEPT:
                 del self._open[next(iter(self._open))]
 
-    def _wrong_answer(self, event: ResponseSeen) -> Finding | None:
+    def _wrong_answer(self, event: ResponseSeen) -> Located | None:
         """Return the finding on a TCP response with the transaction of an open request that it does not answer."""
         request = self._open.get(event.transaction) if event.transaction is not None else None
         if request is None:
             return None
         self._spoiled.append((request.unit, request.at))
-        return next(iter(exchange_findings(self.protocol, request, event, "wrong-answer")), None)
+        return self._located_wrong(request, event)
+
+    def _located_wrong(self, request: RequestSeen, event: ResponseSeen) -> Located | None:
+        """Return the finding on a response that does not answer this request; None if there is none."""
+        findings = exchange_findings(self.protocol, request, event, "wrong-answer")
+        if not findings:
+            return None
+        located, said = self._located(event, findings[0]), ""
+        if request.unit == event.unit and (said := other_count(request.pdu, event.pdu)):
+            other = next((seen for seen in self._open.values() if answers(seen, event.unit, event.pdu)), None)
+            if other is not None:
+                asked = f"that of transaction {other.transaction}, {explain_pdu(other.pdu, 'request').summary}"
+                text = f"the response is to another request: to {asked}"
+                return located._replace(finding=findings[0]._replace(text=text))
+            self._other_count = event
+        return located._replace(said=said)
 
     def _exchanged(self, event: ResponseSeen) -> RequestSeen | None:
         """Return the open request that a TCP response answers if the bytes of its transaction are exchanged."""
@@ -574,11 +594,11 @@ class LineDiagnosis:
         request, unit = event.request, self.counts.unit(event.request.unit)
         stray = following if isinstance(following, ResponseSeen) and following.request is None else None
         if stray is not None and self._late_for(stray) is None:
-            wrong = exchange_findings(self.protocol, request, stray, "wrong-answer")
-            if wrong:
+            wrong = self._located_wrong(request, stray)
+            if wrong is not None:
                 unit.wrong += 1
                 unit.streak = 0
-                yield self._located(stray, wrong[0])._replace(unit=request.unit)
+                yield wrong._replace(unit=request.unit)
                 return
         unit.missing += 1
         unit.streak += 1

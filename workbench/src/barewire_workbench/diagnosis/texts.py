@@ -3,7 +3,8 @@
         "Modbus Error: [Input/Output] No Response received"  -->  no-bytes: no answer in time; how pymodbus logs bytes
 
 Such a text proves nothing about a line or bus, so that the one verdict is `no-bytes`. It says what the words state (the
-port is closed, a device refused, no answer came) and how the program that wrote them is told to log its bytes.
+port is closed, a device refused, no answer came) and how the program that wrote them is told to log its bytes. A text
+whose bytes are in a form that is not read has the same verdict, which says where they are.
 """
 
 from __future__ import annotations
@@ -95,7 +96,8 @@ _PROGRAMS: tuple[tuple[str, str, str], ...] = (
     (
         "a program on CAN",
         r"(?i)socketcan|\bv?can\d\b|Can(?:Operation|Initialization)?Error|No buffer space|canopen|abort code|"
-        r"\bSDO\b|\bPDO\b|\bNMT\b|\bEMCY\b|bus[- ]?off|heartbeat|boot-?up|Transition timeout",
+        r"\bSDO\b|\bPDO\b|\bNMT\b|\bEMCY\b|bus[- ]?off|heartbeat|boot-?up|Transition timeout|"
+        r"\bcan[-_ ]?bus|slcan|(?-i:\bCAN\b)|\b(?:11|29)[- ]?bit\b",
         _CANDUMP,
     ),
 )
@@ -143,8 +145,8 @@ _STATED: tuple[tuple[str, str], ...] = (
     ),
     (r"No buffer space|CANsend\) Transmitting", "frames cannot be sent: no other node acknowledges, or the bus is off"),
     (
-        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|time[ds]?[-_ ]?out|(?:not|n't) (?:receive|respond|answer|get)|"
-        r"no communication|offline|waiting for",
+        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|time[ds]?[-_ ]?out|"
+        r"(?:not|n't) (?:receive|respond|answer|get(?! (?:\w+ ){1,3}work))|no communication|offline|waiting for",
         "no answer came in time",
     ),
 )
@@ -155,10 +157,19 @@ _IS_MESSAGE = re.compile(
     r"modbus|slave|canopen|\bsdo\b|wait_for"
 )
 """Words of programs on a line or bus, and of failures; a text without them is no message of either."""
+_FIELD = re.compile(
+    r"(?i)\brs-?(?:485|422|232)\b|\bmodbus|\bcan[-_ ]?bus|canopen|slcan|(?-i:\bCAN\b|\bRTU\b|\b[SP]DO\b)|\bregisters?\b"
+)
+_FAILURE = re.compile(
+    r"(?i)n['’]?t\b|\bcannot\b|\bnever\b|\bstops?\b|\balways\b|\bproblem|\btrouble|\bstuck\b|\bhangs?\b"
+)
+"""Words of people on a line or bus, and on a failure: a text with one of each is a message too."""
 _BYTES = re.compile(
     r"(?im)\b[0-9a-f]{2}([ ,:.-])(?:[0-9a-f]{2}\1){3}[0-9a-f]{2}\b|^\s*[0-9a-f]{2}(?: [0-9a-f]{2}){2,}\s*$"
 )
 """Five bytes with one separator, or three that are a line; dates, times and addresses of hosts have fewer."""
+_SHOWN = 14
+"""Characters of the bytes that are not read: five bytes."""
 _NUMBER = re.compile(r"(?i)exception[ _]?(?:code)?[\"']?\s*[:=]?\s*[('\"]*(0x[0-9a-f]{1,2}|\d{1,2})\b(?!\d)(?!,)")
 _NAMES = {
     "illegalfunction": 1,
@@ -191,12 +202,13 @@ _TRANSACTIONS = re.compile(
 
 
 def verdict_without_bytes(text: str) -> LineVerdict | None:
-    """Return the verdict on a text that holds no bytes; None if it has some, or is no message.
+    """Return the verdict on a text that holds no bytes, or bytes that were not read; None if it is no message.
 
     >>> verdict_without_bytes("Modbus Error: [Input/Output] No Response received from the remote unit").code
     'no-bytes'
     """
-    if "\0" in text or _IS_MESSAGE.search(text) is None or _BYTES.search(text):
+    is_message = _IS_MESSAGE.search(text) or (_FIELD.search(text) and _FAILURE.search(text))
+    if "\0" in text or not is_message:
         return None
     program, how = next(
         ((name, how) for name, words, how in _PROGRAMS if re.search(words, text, re.MULTILINE)), ("", _ANY_PROGRAM)
@@ -204,7 +216,19 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
     stated = list(dict.fromkeys(chain(_numbered(text), (what for words, what in _STATED if re.search(words, text)))))
     said = f"the text says that {', that '.join(stated)}" if stated else "the text does not say what failed"
     log = f"a log of {program} with its bytes: {how}" if program else f"a log with bytes: {how}"
-    return LineVerdict("no-bytes", "there are no bytes, so that no cause is proved", f"{said}; to get {log}")
+    unread = _BYTES.search(text)
+    if unread is None:
+        return LineVerdict("no-bytes", "there are no bytes, so that no cause is proved", f"{said}; to get {log}")
+    digits = unread[0].lstrip()
+    line = text.count("\n", 0, unread.end() - len(digits)) + 1
+    where = f"line {line} has {digits[:_SHOWN]}: keep only the bytes, each frame in a line of its own"
+    why = "the bytes in the text are in a form that is not read, so that no cause is proved"
+    return LineVerdict("no-bytes", why, f"{said}; {where}; or to get {log}")
+
+
+def has_bytes(text: str) -> bool:
+    """Return whether a text has what looks like the bytes of a frame."""
+    return _BYTES.search(text) is not None
 
 
 def is_text(log: ModbusLog) -> bool:

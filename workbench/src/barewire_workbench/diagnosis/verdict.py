@@ -47,7 +47,7 @@ VERDICTS: dict[VerdictCode, str] = {
     "nothing-wrong": "Every byte is in a frame, every request has its response, and no device refused anything.",
     "nothing-proved": "There are findings, and the numbers show no common cause.",
     "nothing-heard": "There is no frame in the log, and nothing was received on the line.",
-    "no-bytes": "The text holds no bytes; the verdict says what its words state, and how to log the bytes.",
+    "no-bytes": "The text has no bytes that are read; the verdict says what its words state, and how to log the bytes.",
     "refused": "A device refused a request or reported an error: no fault of the line or bus.",
     "open": "A request or a response stands alone in the log: whether there was another is not seen.",
     "not-seen": "A part of the traffic is not in the recording or was not read, so that it is not judged.",

@@ -56,7 +56,7 @@ MEANINGS: dict[DiagnosisCode, str] = {
     "two-frames": "The bytes are several frames, one behind the other: the silence between them was not noticed.",
     "cut-frame": "The frame ends before its last byte: the reader stopped too early, or the rest was lost.",
     "role": "The frame is good in the other direction: a request where a response was expected, or the reverse.",
-    "wrong-answer": "The response belongs to another request: its unit, function, length or transaction is another.",
+    "wrong-answer": "The response does not fit the request: its unit, function, length or transaction is another.",
     "wrong-value": "A request has a value that its function does not have, so that a device should refuse it.",
     "address-base": "A register was asked for by its number in a manual (40001), and not by its address (0).",
     "address-byte-order": "An address or a quantity was sent low byte first; it goes high byte first.",
