@@ -253,7 +253,8 @@ def test_no_profile_has_a_case_that_only_we_decided() -> None:
 def test_every_rule_of_a_profile_is_known_and_chooses_something() -> None:
     known = {flag for file in VECTORS.files for case in file.cases for flag in case.get("flags", ())}
     for rules in VECTORS.profiles.values():
-        assert rules.keys() <= {"about", "kinds", "files", "without_kinds", "without", "first"}
+        assert rules.keys() <= {"about", "kinds", "files", "without_kinds", "without", "without_lines", "first"}
+        assert {*rules.get("without_lines", ())} <= {"rtu", "ascii", "tcp"}
         assert {*rules.get("kinds", ()), *rules.get("without_kinds", ())} <= VECTORS.kinds.keys()
         assert {*rules.get("without", ())} <= known
         for pattern in rules.get("files", ()):
