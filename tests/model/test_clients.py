@@ -52,7 +52,7 @@ def test_no_answer_is_delivered_to_another_question_with_default_options(carrier
     tally = Tally()
     run_random(clients_scenario(default_options(carrier), tally), runs)
     assert not tally.wrong, tally.wrong[0]
-    assert min(tally.right, tally.exceptions, tally.no_answer, tally.cancelled) > runs // 4
+    assert min(tally.right, tally.exceptions, tally.no_answer, tally.cancelled) > runs // 8
 
 
 @RUNS
@@ -61,7 +61,7 @@ def test_nor_to_another_client_of_a_gateway(carrier: str, runs: int) -> None:
     tally = Tally()
     run_random(clients_scenario(replace(default_options(carrier), worlds=("gateway",)), tally), runs)
     assert not tally.wrong, tally.wrong[0]
-    assert min(tally.right, tally.exceptions, tally.no_answer, tally.cancelled) > runs // 4
+    assert min(tally.right, tally.exceptions, tally.no_answer, tally.cancelled) > runs // 8
 
 
 @pytest.mark.parametrize("in_flight", [2, 16])
@@ -120,12 +120,12 @@ def test_an_exception_at_any_line_neither_loses_a_pending_answer_nor_the_turn_on
 
 
 def finds(setup: Clients, planted: type[Bus], monkeypatch: pytest.MonkeyPatch) -> bool:
-    """Return whether a client with a planted mistake gets a wrong answer within 200 runs."""
+    """Return whether a client with a planted mistake gets a wrong answer within 1000 runs."""
     monkeypatch.setattr(client_module, "Bus", planted)
     monkeypatch.setattr(async_client, "Bus", planted)
     tally, dice = Tally(), random.Random(1)
     play = clients_scenario(setup, tally)
-    for _ in range(200):
+    for _ in range(1000):
         play(Choices(dice=dice))
         if tally.wrong:
             return True
