@@ -93,7 +93,7 @@ class RegisterBlock(_Block, array):  # type: ignore[type-arg]  # it takes [int] 
     @classmethod
     def of(cls, name: str, size: int, rows: Any = None) -> Self:
         """Return a block of `rows`, see `_placed`; by default `size` zeros from address 0."""
-        placed, spans = ([], [(0, size)] if size else []) if rows is None else _placed(cls, name, rows)
+        placed, spans = _placed(cls, name, size, rows)
         block = cls("H", bytes(2 * (spans[-1][1] if spans else 0)))
         block._describe(name, spans)
         for first, row in placed:
@@ -148,7 +148,7 @@ class BitBlock(_Block, bytearray):
     @classmethod
     def of(cls, name: str, size: int, rows: Any = None) -> Self:
         """Return a block of `rows`, see `_placed`; by default `size` zeros from address 0."""
-        placed, spans = ([], [(0, size)] if size else []) if rows is None else _placed(cls, name, rows)
+        placed, spans = _placed(cls, name, size, rows)
         block = cls(spans[-1][1] if spans else 0)
         block._describe(name, spans)
         for first, row in placed:
@@ -199,11 +199,16 @@ def _rows(spans: Sequence[tuple[int, int]], between: str) -> str:
     return between.join(f"{first}" if after == first + 1 else f"{first}..{after - 1}" for first, after in spans)
 
 
-def _placed(kind: type[_AnyBlock], name: str, rows: Any) -> tuple[list[tuple[int, list[Any]]], list[tuple[int, int]]]:
+def _placed(
+    kind: type[_AnyBlock], name: str, size: int, rows: Any
+) -> tuple[list[tuple[int, list[Any]]], list[tuple[int, int]]]:
     """Return rows of values by their first address, checked, and the spans that they fill; adjacent ones are one span.
 
-    `rows` is a list of values from address 0 on, or a dict: first address -> list. Raises EncodeError.
+    `rows` is a list of values from address 0 on, or a dict: first address -> list; None: `size` zeros, which no row
+    has to set. Raises EncodeError.
     """
+    if rows is None:
+        return [], [(0, size)] if size else []
     if not isinstance(rows, Mapping):
         if not _is_list(kind, rows):
             text = "expected a list of values from address 0, such as [0] * 10, or a dict of address and list"

@@ -6,7 +6,7 @@ import signal
 import time
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import click
 
@@ -26,6 +26,17 @@ class EndedBySignal(KeyboardInterrupt):
 
 
 _ENDING_SIGNALS = tuple(getattr(signal, name) for name in ("SIGTERM", "SIGHUP") if hasattr(signal, name))
+
+
+def _handled(handler: Callable[[int, object], object], *, interrupt: bool) -> dict[int, Any]:
+    """Have a function called at the signals that end the process, with `interrupt` Ctrl-C too. Return the handlers
+    before. An ignored signal stays ignored: SIGHUP under nohup, SIGINT in background jobs of a shell."""
+    signals = (*_ENDING_SIGNALS, signal.SIGINT) if interrupt else _ENDING_SIGNALS
+    handlers = {number: signal.getsignal(number) for number in signals}
+    previous = {number: before for number, before in handlers.items() if before is not signal.SIG_IGN}
+    for number in previous:
+        signal.signal(number, handler)
+    return previous
 
 
 @contextmanager
@@ -49,12 +60,7 @@ def ended_by_signals(*, interrupt: bool = False) -> Iterator[Callable[[], None]]
             is_ignored = has_ended = True
             raise EndedBySignal(number)
 
-    # SIGHUP stays ignored under nohup, SIGINT in background jobs of a shell.
-    signals = (*_ENDING_SIGNALS, signal.SIGINT) if interrupt else _ENDING_SIGNALS
-    handlers = {ending: signal.getsignal(ending) for ending in signals}
-    previous = {ending: handler for ending, handler in handlers.items() if handler is not signal.SIG_IGN}
-    for number in previous:
-        signal.signal(number, end)
+    previous = _handled(end, interrupt=interrupt)
     try:
         yield ignore
     finally:
@@ -66,10 +72,7 @@ def ended_by_signals(*, interrupt: bool = False) -> Iterator[Callable[[], None]]
 @contextmanager
 def ending_signals_call(end: Callable[[], object]) -> Iterator[None]:
     """Within the block, call a function at each signal that would end the process, Ctrl-C too: for an event loop."""
-    handlers = {number: signal.getsignal(number) for number in (*_ENDING_SIGNALS, signal.SIGINT)}
-    previous = {number: handler for number, handler in handlers.items() if handler is not signal.SIG_IGN}
-    for number in previous:
-        signal.signal(number, lambda *_: end())
+    previous = _handled(lambda *_: end(), interrupt=True)
     try:
         yield
     finally:

@@ -20,7 +20,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 from barewire import connect
 from barewire.codecs import Value
-from barewire.devices import Device, Reading
+from barewire.devices import Device, Parameter, Reading
 from barewire.errors import BarewireError, NoAnswer, PortError, Refused
 from barewire_workbench.cli.panels.description import settings_of_menus
 from barewire_workbench.cli.panels.diagnosis import LastFrames
@@ -236,11 +236,15 @@ class PanelLine:
             try:
                 machine = self._opened(before_write=True)
                 setting = self.menus.get(name)
-                if setting is not None:
+                if setting is None:
+                    parameter, read_as = self.device.find(name), name
+                else:
+                    parameter, read_as = setting.parameter, setting.read_as
                     select(machine, self.endpoint, setting)
                 if value is not None:
-                    machine.write(name if setting is None else setting.read_as, value)
-                result.set_result(self._read_back(machine, name, "read" if value is None else "written"))
+                    machine.write(read_as, value)
+                done = "read" if value is None else "written"
+                result.set_result(self._read_back(machine, parameter, read_as, done))
                 self._answered()
             except BarewireError as error:
                 result.set_exception(error)
@@ -250,13 +254,11 @@ class PanelLine:
                 result.set_exception(error)
                 raise
 
-    def _read_back(self, machine: Any, name: str, done: str) -> str:
-        setting = self.menus.get(name)
-        parameter = self.device.find(name) if setting is None else setting.parameter
+    def _read_back(self, machine: Any, parameter: Parameter, read_as: str, done: str) -> str:
         if not (parameter.readable and parameter.answered):
             return "sent: it cannot be read back"
         try:
-            reading = Reading(parameter, machine.read(name if setting is None else setting.read_as).value)
+            reading = Reading(parameter, machine.read(read_as).value)
         except BarewireError as error:
             return f"{done}; not read back: {error}"
         self._keep([reading], {})
