@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import threading
 from collections.abc import Callable, Iterator
 from types import SimpleNamespace
 from typing import Any, NamedTuple
@@ -69,6 +70,8 @@ class VirtualCan:
         self._requests: list[Coming] = []
         self._inbox: list[CanFrame] = []
         self._call: Callable[[], object] | None = None
+        self._client = threading.current_thread()
+        self._gone_on = threading.Event()
 
     def delay(self, *delays: float) -> None:
         """Delay the next requests or responses by these times."""
@@ -76,6 +79,8 @@ class VirtualCan:
 
     def send(self, item: CanFrame) -> None:
         """Take a request. The server processes it at once, or when its delay is over."""
+        self._client = threading.current_thread()
+        self._gone_on.set()
         self.now += FRAME_TIME
         delay = next(self._delayed, 0.0) if item.data[0] != 0x80 else 0.0
         if self._holds_requests:
@@ -117,12 +122,17 @@ class VirtualCan:
 
     def receive(self, timeout: float) -> CanFrame | None:
         """Return the next frame, or None after `timeout` seconds of virtual time."""
+        if not self.coming and threading.current_thread() is not self._client:
+            # The thread of the bus reads. It must not spend the time-out of a client that has not run yet.
+            self._gone_on.wait(0.1)
+            self._gone_on.set()  # it waits once for each frame
         until = self.now + max(timeout, 0.0)
         self._let_arrive()
         while not self._inbox and self.coming and self.coming[0].at <= until:
             self.now = self.coming[0].at
             self._let_arrive()
         if self._inbox:
+            self._gone_on.clear()
             return self._inbox.pop(0)
         self.now = until
         return None
@@ -147,7 +157,8 @@ class VirtualCan:
                 self._call()
 
     def close(self) -> None:
-        """Do nothing."""
+        """Let the thread of the bus end at once."""
+        self._gone_on.set()
 
     def set_clocks(self, patch: pytest.MonkeyPatch) -> None:
         """Let barewire use the time of this bus."""
