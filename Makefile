@@ -11,6 +11,8 @@ BIN    := $(VENV)/bin
 NEW    := import sys; sys.exit(sys.version_info < (3, 11))
 # Tests run in six processes, one file at a time in each, because many of them wait. One process: WORKERS=
 WORKERS ?= -n 6 --dist loadfile --no-loadscope-reorder
+# Seconds after which a test that hangs fails, and says where its threads stand.
+LONGEST ?= 600
 PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
             $$p -c '$(NEW)' 2>/dev/null && echo $$p && exit; done; echo python3)
 
@@ -34,7 +36,7 @@ types: $(VENV)/installed-dev ## strict types
 	$(BIN)/mypy
 
 suite: $(VENV)/installed-dev ## layers, unit tests, vectors, doc examples, interop; ARGS= for pytest
-	$(BIN)/pytest -rs $(WORKERS) $(ARGS)
+	$(BIN)/pytest -rs $(WORKERS) --timeout=$(LONGEST) $(ARGS)
 
 pyodide: $(VENV)/installed-dev ## tests of everything that needs no ports on CPython 3.14, as Pyodide in node
 	@VENV=$(VENV) tests/pyodide/run $(ARGS)
@@ -54,7 +56,7 @@ small: $(VENV)/installed-bench ## memory, start, processor time and disk of smal
 	@$(BIN)/python -m bench.small $(ARGS)
 
 proof: $(VENV)/installed-dev $(VENV)/installed-bench ## whole searches, then every order of late answers, ours and those of other clients; writes docs/explanation/late-answers.md
-	$(BIN)/pytest -rs $(WORKERS) -m proof
+	$(BIN)/pytest -rs $(WORKERS) --timeout=$(LONGEST) -m proof
 	@$(BIN)/python tools/late_answers.py $(ARGS)
 
 scoreboard: $(VENV)/installed-dev peers ## what other stacks make of the vectors; writes docs/reference/scoreboard.md; ARGS=names

@@ -47,22 +47,12 @@ def error_of(*arguments: str, status: int = 1) -> str:
 
 
 def run_here(
-    *arguments: str, timeout: int = 60, environment: dict[str, str] = ENVIRONMENT, one_stream: bool = False
+    *arguments: str, environment: dict[str, str] = ENVIRONMENT, one_stream: bool = False
 ) -> subprocess.CompletedProcess[str]:
-    """Run a command in this process; SIGALRM ends it after the time-out. With `one_stream`, stderr is in the output."""
-
-    def late(number: int, frame: object) -> None:
-        raise TimeoutError(f"barewire {' '.join(arguments)}: not done after {timeout} s")
-
-    before = signal.signal(signal.SIGALRM, late)
-    signal.alarm(timeout)
+    """Run a command in this process. With `one_stream`, stderr is in the output."""
     out, err = (TextIOWrapper(BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
-    try:
-        with redirect_stdout(out), redirect_stderr(out if one_stream else err), patch.dict(os.environ, environment):
-            status = run_command_line([*arguments])
-    finally:
-        signal.alarm(0)
-        signal.signal(signal.SIGALRM, before)
+    with redirect_stdout(out), redirect_stderr(out if one_stream else err), patch.dict(os.environ, environment):
+        status = run_command_line([*arguments])
     out.seek(0)
     err.seek(0)
     return subprocess.CompletedProcess(arguments, status, out.read(), err.read())
