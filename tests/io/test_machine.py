@@ -57,6 +57,17 @@ def test_values_by_name(wire: str) -> None:
             az3["STATUS WORD"] = 1
 
 
+def test_what_a_reading_changes_is_read_by_its_name_only() -> None:
+    """A reading of the event's description moves the event index on."""
+    with (
+        ModbusServer("tcp://127.0.0.1:0", units=MachineUnits(simulator("adxl", time.monotonic()), 1)) as host,
+        connect("adxl", f"{host.url}?unit=1", timeout=30) as adxl,
+    ):
+        names = {reading.name for reading in adxl.read_all()}
+        assert set(adxl.readable) - names == {"Event description", "Parameter value"}
+        assert [reading.name for reading in adxl.read_all(["Event description"])] == ["Event description"]
+
+
 @WIRES
 def test_values_by_name_with_asyncio(wire: str) -> None:
     async def main(url: str) -> None:

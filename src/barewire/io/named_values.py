@@ -67,7 +67,10 @@ class _Names(ABC):
     def _names(self, names: Iterable[Any] | None) -> list[str]:
         if isinstance(names, str):
             raise EncodeError(f"read_all({names!r}): expected several names; one is read(name)")
-        wanted = self.readable if names is None else list(names)
+        if names is None:
+            alone = self.device.extra.get("read_alone", ())  # a reading changes something, or needs something first
+            return [name for name in self.readable if name not in alone]
+        wanted = list(names)
         for name in wanted:
             if not isinstance(name, str):
                 by_index = self.device.canopen is not None and isinstance(name, (int, tuple))
@@ -133,7 +136,7 @@ class NamedValues(_Names):
 
     def read_all(self, names: Iterable[str] | None = None) -> list[Reading]:
         """Read the parameters with these names, in their order. Without names, read every readable parameter, and leave
-        out those that the machine refuses."""
+        out those that the machine refuses, and those that the description lists under [read_alone]."""
         wanted = self._names(names)
         try:
             return _in_a_list(self._read(wanted))
@@ -202,7 +205,7 @@ class AsyncNamedValues(_Names):
 
     async def read_all(self, names: Iterable[str] | None = None) -> list[Reading]:
         """Read the parameters with these names, in their order. Without names, read every readable parameter, and leave
-        out those that the machine refuses."""
+        out those that the machine refuses, and those that the description lists under [read_alone]."""
         wanted = self._names(names)
         try:
             return _in_a_list(await self._read(wanted))

@@ -177,7 +177,7 @@ def test_every_property_of_an_environment_takes_its_own_text_and_refuses_another
     before = [(row.name, row.text) for row in machine.environment_properties()]
     assert before
     for row in machine.environment_properties():
-        machine.set_environment(f"{row.name.upper()} = {row.text}")
+        machine.set_environment(f"{row.name.upper()} = {row.text.upper()}")
         if row.form.expected != "a text":
             with pytest.raises(EncodeError, match=re.escape(f"expected {row.form.expected} behind =, found '-x'")):
                 machine.set_environment(f"{row.name}=-x")

@@ -34,7 +34,8 @@ class Form(NamedTuple):
     choices: tuple[str, ...] = ()
 
 
-SWITCH = Form("on or off", {"on": True, "off": False, "1": True, "0": False}.__getitem__, ("off", "on"))
+_SWITCHED = {"on": True, "off": False, "1": True, "0": False}
+SWITCH = Form("on or off", lambda text: _SWITCHED[text.lower()], ("off", "on"))
 
 
 def number(low: float = -inf, high: float = inf, read: Callable[[str], float] = float) -> Form:

@@ -86,8 +86,8 @@ def device_with(name: str | Device, wanted: Iterable[str] = (), endpoint: str = 
 
 def _check_menus(device: Device, folded: Container[str]) -> None:
     """Raise UnknownName for a name that `barewire save` gives to a setting behind a menu, with what reads it."""
-    for setting in SettingRules.of(device).settings(is_can=False):
-        if setting.select and fold(setting.name) in folded:
+    for setting in SettingRules.of(device).behind_menus(is_can=False).values():
+        if fold(setting.name) in folded:
             numbers = " ".join(f'"{name}={number}"' for name, number in setting.select.items())
             text = f"is behind a menu: `barewire save` and `restore` have it by this name; by hand write {numbers}"
             raise UnknownName(f'{setting.name} {text}, then read or write "{setting.read_as}"')

@@ -109,6 +109,10 @@ class SettingRules(NamedTuple):
         kept = [setting._replace(communication=_matches(setting.name, self.communication)) for setting in kept]
         return sorted(kept, key=lambda setting: (setting.communication, self._rank(setting.name)))
 
+    def behind_menus(self, *, is_can: bool) -> dict[str, KeptSetting]:
+        """Return the settings that are reached behind the numbers of a menu, by name."""
+        return {setting.name: setting for setting in self.settings(is_can=is_can) if setting.select}
+
     def _of_menus(self, rows: Iterable[Parameter]) -> list[KeptSetting]:
         carrier = next((row for row in rows if row.name == self.selected), None)
         if carrier is None:

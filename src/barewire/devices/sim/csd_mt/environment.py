@@ -121,7 +121,7 @@ def _span(text: str) -> Span:
 
 
 def _wire(text: str) -> Span | bool:
-    return SWITCH.read(text.lower()) if ":" not in text else _span(text)
+    return SWITCH.read(text) if ":" not in text else _span(text)
 
 
 _SPAN = Form("LOW:HIGH, the lower one first,", _span)

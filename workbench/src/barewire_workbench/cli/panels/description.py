@@ -14,7 +14,7 @@ from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.dry_run import address_text, frames_of
 from barewire_workbench.cli.shown_frames import ShownFrames
 from barewire_workbench.cli.value_text import parse_value
-from barewire_workbench.settings.rules import KeptSetting, SettingRules
+from barewire_workbench.settings.rules import SettingRules
 
 
 def value_to_write(device: Device, name: str, text: str) -> tuple[Parameter, Any]:
@@ -65,22 +65,16 @@ def description(device: Device, endpoint: str) -> dict[str, Any]:
                 if step.command is not None
             ],
         }
-    ramp = _ramp(device, endpoint)
+    ramp = _ramp(device, is_can)
     return {"device": device.name, "endpoint": endpoint, "groups": groups, "drive": drive, "ramp": ramp}
 
 
-def settings_of_menus(device: Device, endpoint: str) -> dict[str, KeptSetting]:
-    """Return the settings that are reached behind the numbers of a menu, by name."""
-    is_can = Endpoint.parse(endpoint).scheme == "can"
-    return {setting.name: setting for setting in SettingRules.of(device).settings(is_can=is_can) if setting.select}
-
-
-def _ramp(device: Device, endpoint: str) -> dict[str, Any] | None:
+def _ramp(device: Device, is_can: bool) -> dict[str, Any] | None:
     """Return what a start and a stop are seen by, None without a table [ramp]. Raises EncodeError for a wrong one."""
     table = device.extra.get("ramp")
     if table is None:
         return None
-    menus, is_can = settings_of_menus(device, endpoint), Endpoint.parse(endpoint).scheme == "can"
+    menus = SettingRules.of(device).behind_menus(is_can=is_can)
     try:
         found: dict[str, Any] = {key: device.find(table[key]).name for key in ("status", "start", "stop")}
         found["traces"] = [device.find(name).name for name in table["traces"]]

@@ -22,7 +22,7 @@ from barewire import connect
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
 from barewire.errors import BarewireError, NoAnswer, PortError, Refused
-from barewire_workbench.cli.panels.description import settings_of_menus
+from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.panels.diagnosis import LastFrames
 from barewire_workbench.cli.shown_frames import ShownFrames
 from barewire_workbench.live.check_device import check_device
@@ -30,6 +30,7 @@ from barewire_workbench.live.polling import Clock, Poller
 from barewire_workbench.live.read_values import read_alone
 from barewire_workbench.live.results import text_with_notes
 from barewire_workbench.live.save_settings import select
+from barewire_workbench.settings.rules import SettingRules
 from barewire_workbench.value_log.sample import plain_value
 
 if TYPE_CHECKING:
@@ -108,7 +109,8 @@ class PanelLine:
         # What a reading changes is not polled; its cell says why.
         self._cells |= {name: (1, None, "", f"not polled: {why}") for name, why in read_alone(device).items()}
         self._polled = [row.name for row in device.parameters if row.name not in self._cells]
-        self.menus = settings_of_menus(device, endpoint)
+        self.is_can = Endpoint.parse(endpoint).scheme == "can"
+        self.menus = SettingRules.of(device).behind_menus(is_can=self.is_can)
         """Settings that are read and written only on demand, because numbers must be written before."""
         self._looked_at: Counter[str] = Counter()
         self._pollers: dict[tuple[str, ...], Poller] = {}

@@ -30,7 +30,6 @@ from microdot import Microdot, Request, Response
 
 from barewire.devices import Parameter
 from barewire.errors import BarewireError, PortError
-from barewire.io.endpoint import Endpoint
 from barewire.io.ports.network import reason
 from barewire_workbench.cli.dry_run import address_text, raw_text
 from barewire_workbench.cli.panels.description import description, planned_frames, value_to_write
@@ -83,7 +82,6 @@ class PanelServer:
         self.url = ""
         self._stalled = stalled
         self._changed = asyncio.Event()
-        self._is_can = Endpoint.parse(line.endpoint).scheme == "can"
         self._server: asyncio.Server | None = None
         self._connections: set[asyncio.Task[None]] = set()
 
@@ -234,8 +232,8 @@ class PanelServer:
             answer = {
                 "name": parameter.name,
                 "value": parameter.text(value),
-                "address": address_text(parameter, is_can=self._is_can),
-                "raw": raw_text(parameter, value, is_can=self._is_can),
+                "address": address_text(parameter, is_can=self.line.is_can),
+                "raw": raw_text(parameter, value, is_can=self.line.is_can),
                 "frames": planned_frames(self.line.endpoint, self.line.device, values),
             }
         except BarewireError as error:
