@@ -208,6 +208,20 @@ def test_a_silent_machine_is_asked_for_one_value_and_shown_as_dead_until_it_answ
         assert state["values"][SETTING][:2] == (55, "55 %")
 
 
+def test_on_a_line_that_loses_answers_every_value_is_read() -> None:
+    class Lossy(Machine):
+        def read_all(self, names: Any) -> Any:
+            self.is_silent = len(self.asked) % 3 == 2
+            return super().read_all(names)
+
+    line = line_of(machine := Lossy())
+    names = [row.name for row in machine.device.parameters if row.readable][:100]
+    with line.look_at(names):
+        for _ in range(20):
+            line.turn()
+    assert line.changes_since(0, names)["values"].keys() == set(names)
+
+
 def test_a_write_to_a_silent_machine_fails_once_and_is_not_repeated() -> None:
     line = line_of(machine := Machine())
     machine.is_silent = True

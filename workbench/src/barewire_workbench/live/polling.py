@@ -66,7 +66,7 @@ class Poller:
     """Reads the names of one machine, with as few requests as it allows."""
 
     def __init__(self, names: Sequence[str]) -> None:
-        self._names = tuple(dict.fromkeys(names))
+        self.names = tuple(dict.fromkeys(names))
         # Names that are read alone: those refused, or all of them if they are refused only together.
         self._alone: set[str] = set()
 
@@ -77,13 +77,13 @@ class Poller:
         refusal: Refused | None = None
         alone = self._alone
         try:
-            together = machine.read_all([name for name in self._names if name not in alone])
+            together = machine.read_all([name for name in self.names if name not in alone])
             readings.update((reading.name, reading) for reading in together)
         except Refused as error:
-            if len(self._names) == 1:
+            if len(self.names) == 1:
                 raise
-            refusal, alone = error, set(self._names)
-        for name in self._names:
+            refusal, alone = error, set(self.names)
+        for name in self.names:
             if name in alone:
                 try:
                     readings[name] = machine.read(name)
@@ -92,9 +92,9 @@ class Poller:
                     refusal, refused[name] = error, str(error).partition("; while reading ")[0]
         if not readings and refusal is not None:
             raise refusal
-        refused_only_together = not refused and len(alone) == len(self._names)
+        refused_only_together = not refused and len(alone) == len(self.names)
         self._alone = alone if refused_only_together else set(refused)
-        return Poll(tuple(readings[name] for name in self._names if name in readings), "", refused)
+        return Poll(tuple(readings[name] for name in self.names if name in readings), "", refused)
 
 
 class PolledLine:

@@ -114,6 +114,7 @@ class PanelLine:
         """Settings that are read and written only on demand, because numbers must be written before."""
         self._looked_at: Counter[str] = Counter()
         self._pollers: dict[tuple[str, ...], Poller] = {}
+        self._next_block = 0
         self._writes: Queue[tuple[str, Value | None, Future[str]]] = Queue(_WRITES)
         self._lock = threading.Lock()
         self._wake = threading.Event()
@@ -206,7 +207,7 @@ class PanelLine:
             self._do_writes()
             if names:
                 if not self._is_alive:
-                    self._poll(names[:1])
+                    self._poll_block(Poller(names[:1]))
                 self._poll(names)
         except BarewireError as error:
             self._failed(error)
@@ -216,19 +217,26 @@ class PanelLine:
         return max(self.period, 2 * (self._clock.now() - start)) if names else _IDLE
 
     def _poll(self, names: Sequence[str]) -> None:
-        machine = self._opened()
         blocks = [tuple(names[place : place + _BLOCK]) for place in range(0, len(names), _BLOCK)]
         self._pollers = {block: self._pollers.get(block) or Poller(block) for block in blocks}
-        for block in blocks:
-            try:
-                poll = self._pollers[block].poll(machine)
-            except Refused as error:  # every value of the block
-                self._keep((), dict.fromkeys(block, str(error).partition("; while reading ")[0]))
-            else:
-                self._keep(poll.readings, poll.refused)
-            self._answered()
-            self._do_writes()
+        # An error ends the poll. The next one begins behind its block: a line that loses answers must not leave the
+        # last blocks unread.
+        for _ in blocks:
+            block = blocks[self._next_block % len(blocks)]
+            self._next_block += 1
+            self._poll_block(self._pollers[block])
         self.polls += 1
+
+    def _poll_block(self, poller: Poller) -> None:
+        machine = self._opened()
+        try:
+            poll = poller.poll(machine)
+        except Refused as error:  # every value of the block
+            self._keep((), dict.fromkeys(poller.names, str(error).partition("; while reading ")[0]))
+        else:
+            self._keep(poll.readings, poll.refused)
+        self._answered()
+        self._do_writes()
 
     def _do_writes(self) -> None:
         while not self._writes.empty():
