@@ -18,6 +18,7 @@ from contextlib import closing
 from datetime import UTC, datetime, timedelta
 from pathlib import Path
 from typing import Any
+from xml.etree import ElementTree
 
 import pytest
 
@@ -26,6 +27,7 @@ from barewire.devices.sim import simulator
 from barewire.errors import EncodeError, PortError
 from barewire.modbus import Table
 from barewire_workbench.cli.plot import check_plot_file, draw_plot
+from barewire_workbench.cli.watch import seconds_until
 from barewire_workbench.live.disk import DiskFile, LocalDisk
 from barewire_workbench.value_log.csv_file import CsvFile
 from barewire_workbench.value_log.reader import Curve, broken
@@ -229,6 +231,43 @@ def test_a_plot_that_cannot_be_written_is_refused_before_the_first_poll(
         check_plot_file("--plot", f"{tmp_path}/curve.svg")
 
 
+def test_names_and_units_are_drawn_as_they_are(tmp_path: Path) -> None:
+    """matplotlib has a language for formulas between two $, hides what begins with _, and XML has no control
+    characters."""
+    log = tmp_path / "night.csv"
+    log.write_text(
+        "time,$\\frac{ [$x_$],_hidden [V],a\x1bb -- c [V],速度 [V],error\n2026-11-28T03:00:00+01:00,1,2,3,4,\n"
+    )
+    drawn = run_here("plot", str(log))
+    assert drawn.stderr == f"barewire: {tmp_path}/night.svg: 1 rows\n"
+    picture = (tmp_path / "night.svg").read_text(encoding="utf-8")
+    assert ElementTree.fromstring(picture) is not None
+    for text in ("$\\frac{", "$x_$", "_hidden", "a?b", "速度"):
+        assert f"{text} " in picture
+
+
+def test_the_panel_of_many_curves_is_as_high_as_their_names_and_too_many_are_refused(tmp_path: Path) -> None:
+    log = tmp_path / "night.csv"
+    for count, error in ((60, "60 rows"), (101, "101 curves: expected at most 100: --name chooses some")):
+        names = ",".join(f"value {number} [V]" for number in range(count))
+        log.write_text(f"time,{names},error\n" + f"2026-11-28T03:00:00+01:00{',1' * count},\n" * 60)
+        drawn = run_here("plot", str(log), "--to", str(tmp_path / "night.png"))
+        assert drawn.stderr.count("\n") == 1
+        assert error in drawn.stderr
+    assert error in error_of("watch", "tcp://127.0.0.1:1", "raw", "holding:0-100", "--plot", "x.svg", status=2)
+
+
+def test_a_plot_does_not_take_the_place_of_its_log_and_lines_that_are_no_rows_are_counted(tmp_path: Path) -> None:
+    log = tmp_path / "night.svg"
+    log.write_text("time,A [V],error\n2026-11-28T03:00:00+01:00,1,\n2026-11-28T03:0\n")
+    assert "night.svg is the same file, which would be overwritten" in error_of("plot", str(log), status=2)
+    drawn = run_here("plot", str(log), "--to", str(tmp_path / "night.png"))
+    assert (
+        drawn.stderr == f"barewire: {tmp_path}/night.png: 1 rows, 1 left out that have not the cells of the heading\n"
+    )
+    assert "/dev/zero: a device, not a file" in error_of("plot", "/dev/zero", "--to", str(tmp_path / "zero.svg"))
+
+
 # Logs
 
 
@@ -377,6 +416,18 @@ def test_a_clock_time_ends_the_command() -> None:
         assert 1 < len(output_of(*watch, "--for", "140ms").splitlines()) <= 4  # a busy computer leaves out polls
         assert "that is over, now it is" in error_of(*watch, "--until", "2020-01-01", status=2)
         assert "expected a time such as 06:00" in error_of(*watch, "--until", "25:00", status=2)
+
+
+@pytest.mark.skipif(not hasattr(time, "tzset"), reason="Windows has no TZ")
+@pytest.mark.parametrize(("day", "hours"), [("2026-10-24", 9), ("2026-03-28", 7), ("2026-06-01", 8)])
+def test_a_clock_time_behind_the_change_of_summer_time(monkeypatch: pytest.MonkeyPatch, day: str, hours: int) -> None:
+    """In the night of October 24 the clocks are set back, in that of March 28 they are set forward."""
+    with monkeypatch.context() as patched:
+        patched.setenv("TZ", "CET-1CEST,M3.5.0,M10.5.0/3")
+        time.tzset()
+        seconds = seconds_until("06:00", datetime.fromisoformat(f"{day}T22:00"))
+    time.tzset()
+    assert seconds == hours * 3600
 
 
 def test_wrong_options_are_refused() -> None:

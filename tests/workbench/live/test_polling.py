@@ -98,6 +98,10 @@ def test_deadlines_do_not_drift_and_missed_ones_are_left_out() -> None:
     assert number == 7
 
 
+def test_a_period_may_be_as_short_as_a_number_can_be() -> None:
+    assert next_sample(0, 5e-324, 1.0) > 0
+
+
 def test_a_day_of_slow_polls_ends_at_its_second() -> None:
     clock = VirtualClock()
 

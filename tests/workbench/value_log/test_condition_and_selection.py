@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from math import inf, nan
 
 import pytest
 
@@ -106,6 +107,11 @@ def test_a_change_is_counted_from_the_last_row_and_an_error_is_one() -> None:
     assert taken(Selection(COLUMNS, change=0), values) == [0, 1, 2, 3, 5, 6]
     assert taken(Selection(COLUMNS, change=3), values) == [0, 3, 5, 6]
     assert taken(Selection(COLUMNS, change=100, at_least=3.0), [70.0] * 8) == [0, 3, 6]
+
+
+@pytest.mark.parametrize("change", [0, 1])
+def test_not_a_number_is_a_change_once_and_so_is_the_number_behind_it(change: float) -> None:
+    assert taken(Selection(COLUMNS, change=change), [1.0, nan, nan, 5.0, 5.0, inf, inf, 5.0]) == [0, 1, 3, 5, 7]
 
 
 def test_one_in_so_many_of_those_that_fulfil_a_condition() -> None:

@@ -82,7 +82,7 @@ def test_files_that_are_no_logs_are_named(tmp_path: Path) -> None:
     with refused(EncodeError, "other.csv: expected a log of `barewire watch --to`"):
         read_logs([str(other)])
     other.write_text("time,A,error\nyesterday,1,\n")
-    with refused(EncodeError, "'yesterday' is no time"):
+    with refused(EncodeError, "'yesterday': expected a time such as"):
         read_logs([str(other)])
     for missing in ("none.csv", "none.db"):
         with refused(PortError, "No such file"):
@@ -97,7 +97,31 @@ def test_files_that_are_no_logs_are_named(tmp_path: Path) -> None:
 def test_half_a_line_at_the_end_is_not_drawn(tmp_path: Path) -> None:
     path = tmp_path / "night.csv"
     path.write_text("time,A [V],error\n2026-11-28T03:00:00.000+01:00,1,\n2026-11-28T03:0")
+    curves = read_logs([str(path)])
+    assert curves.curves[0].values == [1.0]
+    assert curves.left_out == 1
+
+
+def test_a_log_that_a_spreadsheet_has_saved_is_read(tmp_path: Path) -> None:
+    path = tmp_path / "night.csv"
+    path.write_bytes(b"\xef\xbb\xbftime,A [V],error\r\n2026-11-28T03:00:00.000+01:00,1,\r\n")
     assert read_logs([str(path)]).curves[0].values == [1.0]
+
+
+@pytest.mark.parametrize("time", ["2026-11-28T03:00:00", "0001-01-01T00:00:00+14:00", "9999-12-31T23:59:59-14:00"])
+def test_a_time_without_zone_or_far_away_is_refused(tmp_path: Path, time: str) -> None:
+    path = tmp_path / "night.csv"
+    path.write_text(f"time,A [V],error\n2026-11-28T03:00:00+01:00,1,\n{time},2,\n")
+    with refused(EncodeError, f"night.csv: '{time}': expected a time such as 2026-11-28T03:00:00+01:00"):
+        read_logs([str(path)])
+
+
+def test_numbers_that_no_curve_can_show_are_gaps(tmp_path: Path) -> None:
+    path = tmp_path / "night.csv"
+    path.write_text(
+        "time,A,error\n" + "".join(f"2026-11-28T03:00:00+01:00,{text},\n" for text in ("1e300", "-inf", "2"))
+    )
+    assert str(read_logs([str(path)]).curves[0].values) == "[nan, nan, 2.0]"
 
 
 def test_two_programs_do_not_write_one_file(tmp_path: Path) -> None:

@@ -96,7 +96,7 @@ def duration(value: str) -> float:
     match = re.fullmatch(r"(.*?) *(ms|s|min|m|h|d)", str(value).strip())  # a default is a number
     number = _number(match[1]) * _SECONDS[match[2]] if match else _number(value)
     if not 0 < number < 1e6:
-        raise click.BadParameter(f"{shown(value)}: expected seconds, above 0, or such as 200ms, 15m, 12h")
+        raise click.BadParameter(f"{shown(value)}: expected seconds, above 0, below 1000000, such as 200ms, 15m, 12h")
     return number
 
 

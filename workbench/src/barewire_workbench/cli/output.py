@@ -137,12 +137,18 @@ def port_error(path: str | Path) -> Iterator[None]:
         raise PortError(f"{path}: {error.strerror or error}") from None
 
 
-def opened_file(path: str | Path) -> BinaryIO:
-    """Return a file to read. Raise PortError if it cannot be opened, or is a device, which may have no end."""
+def check_no_device(path: str | Path) -> None:
+    """Raise PortError for a path that does not exist, or is a device, which may have no end."""
     with port_error(path):
         mode = os.stat(path).st_mode
         if stat.S_ISCHR(mode) or stat.S_ISBLK(mode):
             raise OSError(errno.EINVAL, "a device, not a file")
+
+
+def opened_file(path: str | Path) -> BinaryIO:
+    """Return a file to read. Raise PortError if it cannot be opened, or is a device."""
+    check_no_device(path)
+    with port_error(path):
         return Path(path).open("rb")
 
 

@@ -5,14 +5,23 @@ from __future__ import annotations
 import os
 from collections.abc import Sequence
 from pathlib import Path
+from warnings import catch_warnings, simplefilter
 
 import click
 
 from barewire.errors import EncodeError, PortError
-from barewire_workbench.cli.output import needs_extra, note, port_error
+from barewire_workbench.cli.output import (
+    check_no_device,
+    check_not_overwritten,
+    needs_extra,
+    note,
+    port_error,
+    printable,
+)
 from barewire_workbench.value_log.reader import Curve, broken, read_logs
 
 _FORMATS = (".svg", ".png", ".pdf")
+_MOST_CURVES = 100
 
 
 @click.command("plot")
@@ -34,11 +43,23 @@ def plot_command(files: tuple[str, ...], names: tuple[str, ...], path: str | Non
     """
     target = path or f"{os.path.splitext(files[-1])[0]}.svg"
     check_plot_file("--to", target)
+    check_not_overwritten("--to", target, *files)
+    for file in files:
+        check_no_device(file)
     curves = read_logs(files, names)
     if not curves.curves:
         raise EncodeError(f"{', '.join(files)}: no numbers in it")
+    check_number_of_curves("--to", target, len(curves.curves))
     draw_plot(target, target, curves.curves if connect else [broken(curve) for curve in curves.curves])
-    note(f"{target}: {curves.count} rows" + (f", one in {curves.every} is drawn" if curves.every > 1 else ""))
+    drawn = f", one in {curves.every} is drawn" if curves.every > 1 else ""
+    left_out = f", {curves.left_out} left out that have not the cells of the heading" if curves.left_out else ""
+    note(f"{target}: {curves.count} rows{drawn}{left_out}")
+
+
+def check_number_of_curves(option: str, file: str, count: int) -> None:
+    """Raise EncodeError for a plot that would be too high to be drawn."""
+    if count > _MOST_CURVES:
+        raise EncodeError(f"{option} {file}: {count} curves: expected at most {_MOST_CURVES}: --name chooses some")
 
 
 def check_plot_file(option: str, file: str) -> None:
@@ -64,20 +85,25 @@ def draw_plot(name: str, file: str, curves: Sequence[Curve]) -> None:
     from matplotlib.figure import Figure
 
     units = list(dict.fromkeys(curve.unit for curve in curves))
-    figure = Figure(figsize=(9.0, 1.5 + 2.2 * len(units)), layout="constrained")
+    heights = [max(2.2, 0.2 * sum(curve.unit == unit for curve in curves)) for unit in units]  # room for the names
+    figure = Figure(figsize=(9.0, 1.5 + sum(heights)), layout="constrained")
     FigureCanvasAgg(figure)
-    panels = figure.subplots(len(units), sharex=True, squeeze=False)[:, 0]
+    panels = figure.subplots(len(units), sharex=True, squeeze=False, height_ratios=heights)[:, 0]
     for unit, panel in zip(units, panels):
         for curve in curves:
             if curve.unit == unit:
                 style = "steps-post" if curve.is_state else "default"
-                panel.plot(curve.times, curve.values, label=curve.title, drawstyle=style, marker=".", markersize=3)
-        panel.set_ylabel(unit)
+                # A label that begins with _ is not shown.
+                title = f"{' ' * curve.title.startswith('_')}{printable(curve.title)}"
+                panel.plot(curve.times, curve.values, label=title, drawstyle=style, marker=".", markersize=3)
+        panel.set_ylabel(printable(unit), parse_math=False)
         panel.grid(alpha=0.3)
-        panel.legend(loc="best", fontsize="small")
+        for text in panel.legend(loc="best", fontsize="small").get_texts():
+            text.set_parse_math(False)  # a $ is a $
     zone = curves[0].times[0].tzinfo if curves[0].times else None
     locator = AutoDateLocator(tz=zone)  # type: ignore[no-untyped-call]
     panels[-1].xaxis.set_major_locator(locator)
     panels[-1].xaxis.set_major_formatter(ConciseDateFormatter(locator, tz=zone))  # type: ignore[no-untyped-call]
-    with port_error(name):
+    with port_error(name), catch_warnings():
+        simplefilter("ignore")  # a letter that the font does not have is drawn as a box
         figure.savefig(file)

@@ -148,7 +148,7 @@ def watch_command(
         raise click.UsageError("--at-least is for rows that --change leaves out")
     if change is not None and not change >= 0:
         raise click.UsageError("--change: expected 0 or more")
-    limit = min((end for end in (seconds, _seconds_until(until)) if end is not None), default=None)
+    limit = min((end for end in (seconds, seconds_until(until, datetime.now())) if end is not None), default=None)
     given = labelled([_watched(*group, conditions) for group in _groups(endpoint, device, names)])
     machines = [watched for group in by_port(given) for watched in group]  # in the order in which they are read
     chosen = [condition(text, machines, parse_value) for text in conditions]
@@ -157,9 +157,10 @@ def watch_command(
     columns = columns_of(machines)
     selection = Selection(columns, chosen, every, change, at_least)
     if plot is not None:
-        from barewire_workbench.cli.plot import check_plot_file
+        from barewire_workbench.cli.plot import check_number_of_curves, check_plot_file
 
         check_plot_file("--plot", plot)
+        check_number_of_curves("--plot", plot, len(columns))
     log = None
     if path is not None:
         log = open_log(path, headings(columns), append=append, rotation=rotation(rotate, keep or 0))
@@ -241,24 +242,25 @@ def _with_conditions(number: int, watched: Watched, conditions: Sequence[Conditi
     return watched._replace(names=tuple(dict.fromkeys([*watched.names, *needed])))
 
 
-def _seconds_until(text: str | None) -> float | None:
-    """Return the seconds until a time: of the next day if it is over today."""
+def seconds_until(text: str | None, now: datetime) -> float | None:
+    """Return the seconds until a time: of the next day if it is over today. `now` is local, without a zone: the zone of
+    this day need not be that of the next."""
     if text is None:
         return None
-    now = datetime.now().astimezone()
     try:
         if re.fullmatch(r"\d{1,2}:\d\d(:\d\d)?", text):
             hour, minute, second = (*map(int, text.split(":")), 0)[:3]
             end = now.replace(hour=hour, minute=minute, second=second, microsecond=0)
             end += timedelta(days=end <= now)
         else:
-            end = datetime.fromisoformat(text).astimezone()
-    except ValueError:
+            end = datetime.fromisoformat(text)
+        seconds = end.timestamp() - now.timestamp()
+    except (ValueError, OverflowError, OSError):  # the latter of a year that the computer cannot count
         expected = "expected a time such as 06:00, or 2026-11-29T06:00"
         raise click.UsageError(f"--until {shown(text)}: {expected}") from None
-    if end <= now:
+    if seconds <= 0:
         raise click.UsageError(f"--until {shown(text)}: that is over, now it is {now:%Y-%m-%dT%H:%M:%S}")
-    return (end - now).total_seconds()
+    return seconds
 
 
 # Output

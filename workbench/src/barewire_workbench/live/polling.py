@@ -32,6 +32,9 @@ from barewire_workbench.value_log.sample import Poll, Sample, Watched
 
 _NOT_IN_TIME = "no answer within the period"
 
+_MOST_SAMPLES = 1e15
+"""A period of 1e-310 s would have more of them than a number can count."""
+
 _SHORTEST_WAIT = 0.05
 """Seconds that other ports are waited for at least, however short the period is."""
 
@@ -238,7 +241,7 @@ def next_sample(number: int, period: float, seconds: float) -> int:
     (1, 2, 5)
     """
     # A sample that became due less than a thousandth of a period ago is still made.
-    due = int(seconds / period + 0.999)
+    due = int(min(seconds / period, _MOST_SAMPLES) + 0.999)
     return max(number + 1, due)
 
 

@@ -6,7 +6,7 @@ import csv
 import re
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing
+from contextlib import closing, suppress
 from datetime import datetime
 from itertools import pairwise
 from statistics import median
@@ -23,6 +23,9 @@ DATABASES = (".db", ".sqlite", ".sqlite3")
 _HEADING = re.compile(r"(?P<title>.+?)(?: \[(?P<unit>[^\[\]]*)\])?")
 """A name, and its unit in brackets."""
 _NOT_READ = float("nan")
+_YEARS = range(1900, 3000)
+_LARGEST = 1e300
+"""An axis is longer than the difference of its values, and has whole years on both sides: both must be numbers."""
 _NEAR = 10
 """Rows before and behind a gap whose distances tell the interval of the log: a later run may have another one."""
 
@@ -77,6 +80,8 @@ class Curves:
         """One row in so many is kept."""
         self.count = 0
         """Rows so far."""
+        self.left_out = 0
+        """Lines of a file that were no rows: half a line after a power cut, or damaged."""
         self._most = most
 
     def add(self, at: datetime, values: Sequence[Value | None]) -> None:
@@ -111,18 +116,21 @@ def read_logs(paths: Sequence[str], names: Sequence[str] = ()) -> Curves:
         elif columns != heading:
             raise EncodeError(f"{path}: it has other columns than {paths[0]}")
         for row in rows:
-            if len(row) == len(heading):  # half a line after a power cut
+            if len(row) == len(heading):
                 curves.add(_time(path, row[0]), row[1:-1])
+            else:
+                curves.left_out += 1
     assert curves is not None, "there is a path"
     curves.curves = _chosen(curves.curves, names)
     return curves
 
 
 def _time(path: str, text: str) -> datetime:
-    try:
-        return datetime.fromisoformat(text)
-    except ValueError:
-        raise EncodeError(f"{path}: {shown(text)} is no time: expected ISO 8601") from None
+    with suppress(ValueError):
+        time = datetime.fromisoformat(text)
+        if time.tzinfo is not None and time.year in _YEARS:
+            return time
+    raise EncodeError(f"{path}: {shown(text)}: expected a time such as 2026-11-28T03:00:00+01:00")
 
 
 def _chosen(curves: list[Curve], names: Sequence[str]) -> list[Curve]:
@@ -142,11 +150,12 @@ def _title_and_unit(heading: str) -> tuple[str, str]:
 
 
 def _number(value: Value | None) -> float:
-    """Return a value as a number; text, or none, leaves a gap in the curve."""
+    """Return a value as a number; text, none, or what is no place on an axis leaves a gap in the curve."""
     try:
-        return _NOT_READ if value is None else float(value)
+        number = _NOT_READ if value is None else float(value)
     except ValueError:
         return _NOT_READ
+    return number if abs(number) < _LARGEST else _NOT_READ
 
 
 def _rows(path: str) -> Iterator[list[str]]:
@@ -155,7 +164,7 @@ def _rows(path: str) -> Iterator[list[str]]:
         if path.lower().endswith(DATABASES):
             yield from _rows_of_database(path)
         else:
-            with open(path, encoding="utf-8", newline="") as file:
+            with open(path, encoding="utf-8-sig", newline="") as file:  # a spreadsheet puts a mark before UTF-8
                 yield from csv.reader(file)
     except (OSError, UnicodeDecodeError, csv.Error, sqlite3.Error) as error:
         raise PortError(f"{path}: {getattr(error, 'strerror', None) or error}") from None

@@ -58,6 +58,8 @@ class Selection:
 
     def _has_changed(self, before: Value | None, value: Value | None) -> bool:
         numbers = isinstance(before, (int, float)) and isinstance(value, (int, float))
+        if before != before or value != value:  # NaN, which is not equal to itself
+            return (before != before) != (value != value)
         if numbers and self.change:
             assert isinstance(before, (int, float))
             assert isinstance(value, (int, float))
