@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import functools
+import inspect
 import random
 import re
 import socket
@@ -42,6 +44,52 @@ def some_of(values: Iterable[T], count: int) -> list[Any]:
     return [
         value if place < count else pytest.param(value, marks=pytest.mark.proof) for place, value in enumerate(values)
     ]
+
+
+_NAMED = type(pytest.param())
+
+
+def every_case(
+    names: str | tuple[str, ...], cases: Iterable[Any]
+) -> Callable[[Callable[..., None]], Callable[..., None]]:
+    """Check many cases in one test: a decorator that takes names and cases as `pytest.mark.parametrize` does.
+
+    Each case is checked, also behind one that is wrong. The first error is raised with a list of all wrong cases. An
+    item of pytest costs more than a small check, as each process of a run collects all of them. All cases share the
+    fixtures of the test.
+    """
+    names = (names,) if isinstance(names, str) else names
+    rows = [case if isinstance(case, _NAMED) else pytest.param(*(case if len(names) > 1 else [case])) for case in cases]
+    if not rows or any(row.marks for row in rows):
+        raise ValueError(f"expected cases of {', '.join(names)}, at least one, and none with a mark")
+
+    def fold(check: Callable[..., None]) -> Callable[..., None]:
+        @functools.wraps(check)
+        def test(**fixtures: Any) -> None:
+            __tracebackhide__ = True
+            errors: list[BaseException] = []
+            wrong: list[str] = []
+            for row in rows:
+                given = dict(zip(names, row.values, strict=True))
+                try:
+                    check(**fixtures, **given)
+                except (Exception, pytest.fail.Exception) as error:
+                    errors.append(error)
+                    wrong.append(str(row.id or ", ".join(f"{name}={value!r:.100}" for name, value in given.items())))
+                    wrong += [
+                        f"    {line}" for line in (*str(error).splitlines()[:1], *getattr(error, "__notes__", ()))
+                    ]
+            if errors:
+                errors[0].add_note("\n".join([f"{len(errors)} of {len(rows)} cases are wrong:", *wrong]))
+                raise errors[0]
+
+        signature = inspect.signature(check)
+        fixtures = [parameter for name, parameter in signature.parameters.items() if name not in names]
+        del test.__wrapped__  # pytest would ask for its parameters
+        test.__signature__ = signature.replace(parameters=fixtures)  # type: ignore[attr-defined]
+        return test
+
+    return fold
 
 
 def free_port() -> int:

@@ -17,6 +17,7 @@ from fnmatch import fnmatch
 import pytest
 
 import barewire
+from tests.helpers import every_case
 from tools import rooms
 
 SRC = rooms.HOUSES["barewire"]
@@ -280,7 +281,7 @@ ACCEPTED = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize(("path", "source"), REFUSED.values(), ids=REFUSED)
+@every_case(("path", "source"), REFUSED.values())
 def test_a_wrong_import_is_found(path: str, source: str) -> None:
     (found,) = broken_rules(source, path)
     assert found.startswith(f"{path}:{len(source.splitlines()) if 'profinet' not in path else 1}: ")

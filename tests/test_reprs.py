@@ -36,6 +36,7 @@ from barewire.tcp import DatagramLine, FanOut, TcpLine
 from barewire_workbench import explain
 from barewire_workbench.eds.export import export
 from barewire_workbench.sniffer import Sniffer
+from tests.helpers import every_case
 
 ROOMS = [
     *("barewire", "barewire.modbus", "barewire.canopen", "barewire.canopen.sdo", "barewire.canopen.eds"),
@@ -127,7 +128,7 @@ EXAMPLES: list[tuple[Callable[[], Any], str | re.Pattern[str]]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize("number", range(len(EXAMPLES)))
+@every_case("number", range(len(EXAMPLES)))
 def test_an_object_is_one_short_line_in_a_prompt(number: int) -> None:
     make, expected = EXAMPLES[number]
     shown = repr(make())

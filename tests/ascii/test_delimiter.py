@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 from barewire.ascii import AsciiLine, encode
 from barewire.ascii.line import LF, Delimiters
 from barewire.modbus import Adu, Noise
-from tests.helpers import modest, unhex
+from tests.helpers import every_case, modest, unhex
 
 CHANGE, RESTART, READ = unhex("08 0003 3B00"), unhex("08 0001 0000"), unhex("03 0000 0001")
 SEMICOLON = ord(";")
@@ -65,7 +65,7 @@ def test_a_colon_cannot_become_the_delimiter() -> None:
     assert after((colon, True), (colon, False)).accepted == {LF}
 
 
-@pytest.mark.parametrize("character", [c for c in range(256) if c != 0x3A])
+@every_case("character", [c for c in range(256) if c != 0x3A])
 def test_every_other_character_can_become_the_delimiter(character: int) -> None:
     line, change = AsciiLine(), bytes((8, 0, 3, character, 0))
     frame = encode(1, change)

@@ -8,7 +8,7 @@ from hypothesis import given, strategies as st
 from barewire.ascii import decode, encode, lrc
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus import Adu
-from tests.helpers import modest, readable, refused, unhex
+from tests.helpers import every_case, modest, readable, refused, unhex
 
 
 @modest
@@ -44,7 +44,7 @@ def test_a_unit_or_pdu_out_of_range_is_refused(unit: int, pdu: bytes) -> None:
         encode(unit, pdu)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("data", "reason", "at", "text"),
     [
         (b"", "delimiter", 0, "begins with ':'"),

@@ -7,6 +7,7 @@ from hypothesis import given, settings, strategies as st
 
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import REASONS, DecodeError, EncodeError
+from tests.helpers import every_case
 
 
 @pytest.mark.parametrize(
@@ -31,7 +32,7 @@ def test_text_is_read_tolerantly() -> None:
     assert CanFrame.parse("585#4b.41.60.00") == CanFrame(0x585, bytes.fromhex("4B416000"))
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("text", "reason"),
     [
         ("", "delimiter"),

@@ -11,9 +11,10 @@ from barewire.canopen import AbortCode, Entry, ObjectDictionary, SdoAbort
 from barewire.canopen.datatypes import BY_CODE, DATA_TYPES, object_codec
 from barewire.codecs import Value
 from barewire.errors import DecodeError, EncodeError
+from tests.helpers import every_case
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("type_", "value", "data"),
     [
         ("bool", True, "01"),

@@ -7,7 +7,7 @@ from hypothesis import given, strategies as st
 
 from barewire.codecs import BitPattern, Field, Layout
 from barewire.errors import DecodeError, EncodeError
-from tests.helpers import modest, refused, unhex
+from tests.helpers import every_case, modest, refused, unhex
 
 FIXED = Layout(">BHH", "function_code", "address", "quantity")
 COUNTED = Layout(">BHB", "function_code", "address", "byte_count", tail="data", count="byte_count")
@@ -112,7 +112,7 @@ def test_a_little_endian_count_is_measured_as_such() -> None:
 INITIATED = BitPattern("010- nnes")
 
 
-@pytest.mark.parametrize("byte", range(256))
+@every_case("byte", range(256))
 def test_a_pattern_matches_a_byte_exactly_if_its_fixed_bits_match(byte: int) -> None:
     right = byte >> 5 == 0b010
     assert INITIATED.matches(byte) is right

@@ -12,7 +12,7 @@ from hypothesis import given, strategies as st
 from barewire.codecs import ORDERS, Number, codec
 from barewire.codecs.order import Order
 from barewire.errors import DecodeError, EncodeError
-from tests.helpers import modest, refused, unhex
+from tests.helpers import every_case, modest, refused, unhex
 
 INTEGERS = [f"{sign}{bits}" for sign in "ui" for bits in range(8, 65, 8)]
 ALL = [*INTEGERS, "f32", "f64"]
@@ -27,7 +27,7 @@ def whole_registers(name: str) -> bool:
 TYPES_AND_ORDERS = [(n, o) for n, o in product(ALL, ORDERS) if o not in MIXED or whole_registers(n)]
 
 
-@pytest.mark.parametrize(("name", "order"), TYPES_AND_ORDERS)
+@every_case(("name", "order"), TYPES_AND_ORDERS)
 def test_both_limits_are_encoded_and_decoded(name: str, order: Order) -> None:
     number = codec(name, order)
     for value in (number.minimum, 0, 1, number.maximum):
@@ -36,7 +36,7 @@ def test_both_limits_are_encoded_and_decoded(name: str, order: Order) -> None:
         assert number.decode(data) == value
 
 
-@pytest.mark.parametrize(("name", "order"), [(n, o) for n, o in TYPES_AND_ORDERS if n in INTEGERS])
+@every_case(("name", "order"), [(n, o) for n, o in TYPES_AND_ORDERS if n in INTEGERS])
 def test_a_value_beyond_a_limit_is_refused_with_the_limits(name: str, order: Order) -> None:
     number = codec(name, order)
     for value in (number.minimum - 1, number.maximum + 1):
@@ -45,14 +45,14 @@ def test_a_value_beyond_a_limit_is_refused_with_the_limits(name: str, order: Ord
             number.encode(value)
 
 
-@pytest.mark.parametrize("name", INTEGERS)
+@every_case("name", INTEGERS)
 def test_limits_are_those_of_twos_complement(name: str) -> None:
     number, bits = codec(name), int(name[1:])
     low, high = (0, 2**bits - 1) if name[0] == "u" else (-(2 ** (bits - 1)), 2 ** (bits - 1) - 1)
     assert (number.minimum, number.maximum) == (low, high)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("name", "order", "value", "wire"),
     [
         ("u32", "ABCD", 0x0A0B0C0D, "0A 0B 0C 0D"),
@@ -120,7 +120,7 @@ def test_a_float_that_is_whole_is_a_whole_number() -> None:
     assert codec("u16").encode(7.0) == codec("u16").encode(7)
 
 
-@pytest.mark.parametrize(("name", "order"), TYPES_AND_ORDERS)
+@every_case(("name", "order"), TYPES_AND_ORDERS)
 def test_a_wrong_number_of_bytes_is_short_or_long(name: str, order: Order) -> None:
     number = codec(name, order)
     for length, reason in ((number.size - 1, "short"), (number.size + 1, "long")):

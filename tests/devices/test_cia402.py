@@ -18,7 +18,7 @@ from barewire.devices.cia402 import (
     with_state,
 )
 from barewire.errors import DecodeError, EncodeError
-from tests.helpers import refused
+from tests.helpers import every_case, refused
 
 COMMANDED = [
     State.SWITCH_ON_DISABLED,
@@ -115,7 +115,7 @@ def test_a_fault_is_left_by_the_edge_only() -> None:
     assert after(State.FAULT, 0x0080, 0x0000) is State.SWITCH_ON_DISABLED
 
 
-@pytest.mark.parametrize(("start", "goal", "stays"), [*product(State, COMMANDED, (False, True))])
+@every_case(("start", "goal", "stays"), [*product(State, COMMANDED, (False, True))])
 def test_the_goal_is_reached_from_everywhere(start: State, goal: State, stays: bool) -> None:
     by_itself = {row.source: row.target for row in TRANSITIONS if row.command is None}
     state, previous, seen = start, 0, [start]

@@ -19,6 +19,7 @@ from barewire.gateway.config import ConfigError, read_config
 from barewire.gateway.gateway import Gateway
 from barewire.modbus import CanopenReference, ModbusException, RawRequest, SdoAborted
 from barewire_workbench.eds.export import export
+from tests.helpers import every_case
 
 WAIT = 30.0
 
@@ -172,7 +173,7 @@ def test_a_node_that_is_not_there_is_0b_and_delays_no_other(bus: str) -> None:
     through(bus, "timeout = 2.0", act, units="5-6")
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("code", "expected"),
     [
         (0x06020000, 2), (0x06090011, 2), (0x06010000, 2), (0x06010001, 2), (0x06010002, 2),

@@ -15,6 +15,7 @@ from barewire.gateway.__main__ import run_program
 from barewire.gateway.config import OPTIONS, ConfigError, config_schema, example, read_config
 from barewire.gateway.dispatch import UnitConfig
 from barewire.modbus import UnitOptions
+from tests.helpers import every_case
 from tools import gateway_clients
 
 GOOD = """\
@@ -81,7 +82,7 @@ def test_a_url_of_a_backend_with_a_wrong_option_of_a_unit(query: str, text: str)
         read_config(GOOD.replace("baudrate=19200", query))
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("old", "new", "faults"),
     [
         ("drain = 1", "drain = -1", ["1:1: drain = -1: expected 0 or more seconds"]),

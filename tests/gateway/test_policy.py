@@ -9,6 +9,7 @@ import pytest
 from barewire.gateway.config import read_config
 from barewire.gateway.policy import Policy
 from barewire.modbus import Caller, CanopenReference, RawRequest
+from tests.helpers import every_case
 
 FILE = """
 [[listen]]
@@ -107,8 +108,8 @@ READ_ONLY = {
 }
 
 
-@pytest.mark.parametrize("pdu", READ_ONLY)
-@pytest.mark.parametrize("rules", ["", "\n[[policy.allow]]\n"])
+@every_case("pdu", READ_ONLY)
+@every_case("rules", ["", "\n[[policy.allow]]\n"])
 def test_read_only_is_one_line_and_stronger_than_any_rule(pdu: str, rules: str) -> None:
     code = policy("read_only = true" + rules).refusal(Caller("10.0.0.1:1"), 1, RawRequest(bytes.fromhex(pdu)))
     assert (code is None) is READ_ONLY[pdu]

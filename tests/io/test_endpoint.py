@@ -10,7 +10,7 @@ from hypothesis import example, given, reject, strategies as st
 from barewire.errors import EncodeError
 from barewire.io.endpoint import CARRIERS, Endpoint, pairs, split, unquote
 from barewire.io.modbus.carriers import ModbusOptions, unit_options
-from tests.helpers import modest
+from tests.helpers import every_case, modest
 
 
 @pytest.mark.parametrize(
@@ -31,7 +31,7 @@ def test_the_parts_of_a_url(url: str, scheme: str, place: str) -> None:
     assert (endpoint.scheme, endpoint.place) == (scheme, place)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("url", "message"),
     [
         ("127.0.0.1:502", "expected tcp://HOST:PORT"),

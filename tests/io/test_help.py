@@ -15,6 +15,7 @@ from barewire.io.canopen.nmt import NodeNmtMethods
 from barewire.io.canopen.objects import SdoMethods
 from barewire.io.canopen.operations import Methods
 from barewire.io.drive import DriveClient
+from tests.helpers import every_case
 
 CLIENTS: list[Any] = [barewire.ModbusClient, barewire.AsyncModbusClient]
 
@@ -67,7 +68,7 @@ CLASSES = sorted(
 )
 
 
-@pytest.mark.parametrize("owner", CLASSES, ids=lambda owner: owner.__qualname__)
+@every_case("owner", CLASSES)
 def test_the_first_parameter_of_a_method_is_the_object(owner: type[Any]) -> None:
     """If it were not, the signature of the bound method would lack a parameter of the caller."""
     for name, function in inspect.getmembers(owner, inspect.isfunction):

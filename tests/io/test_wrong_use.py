@@ -17,7 +17,7 @@ import pytest
 import barewire
 from barewire.errors import EncodeError, PortError
 from barewire.modbus import ReadCoils, ReadHoldingRegisters, Table
-from tests.helpers import refused
+from tests.helpers import every_case, refused
 
 CLIENTS: list[Any] = [barewire.ModbusClient, barewire.AsyncModbusClient]
 SERVERS: list[Any] = [barewire.ModbusServer, barewire.AsyncModbusServer]
@@ -101,8 +101,8 @@ def test_requests_in_flight_are_a_whole_number(in_flight: Any) -> None:
         barewire.AsyncModbusClient("tcp://127.0.0.1:1", in_flight=in_flight)
 
 
-@pytest.mark.parametrize("server", SERVERS)
-@pytest.mark.parametrize(
+@every_case("server", SERVERS)
+@every_case(
     ("units", "text"),
     [
         ({300: Table()}, "address 300: expected 0..255"),
@@ -117,7 +117,7 @@ def test_requests_in_flight_are_a_whole_number(in_flight: Any) -> None:
         ({True: Table()}, "address True: expected 0..255"),
     ],
 )
-@pytest.mark.parametrize("url", ["tcp://127.0.0.1:0", "udp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0", "rtu://pty"])
+@every_case("url", ["tcp://127.0.0.1:0", "udp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0", "rtu://pty"])
 def test_units_are_objects_by_address(server: Any, url: str, units: Any, text: str) -> None:
     with refused(EncodeError, text):
         server(url, units)
@@ -133,8 +133,8 @@ def test_a_serial_line_has_no_unit_0(server: Any) -> None:
     assert "ModbusServer" in repr(barewire.AsyncModbusServer("tcp://127.0.0.1:0", {0: Table()}))
 
 
-@pytest.mark.parametrize("server", [*SERVERS, *CAN_SERVERS])
-@pytest.mark.parametrize("faults", [5, {"drop": 5}, {"drop": "often"}, {"drop": NAN}, "drop:2"])
+@every_case("server", [*SERVERS, *CAN_SERVERS])
+@every_case("faults", [5, {"drop": 5}, {"drop": "often"}, {"drop": NAN}, "drop:2"])
 def test_faults_are_kinds_with_probabilities(server: Any, faults: Any) -> None:
     url = "can://virtual/use" if server in CAN_SERVERS else "tcp://127.0.0.1:0"
     served: Any = {"device": "az3"} if server in CAN_SERVERS else {"units": {}}

@@ -20,6 +20,7 @@ from tests.helpers import (
     accounts_for_every_byte,
     chunked,
     deliveries,
+    every_case,
     feed_all,
     frames_of,
     modest,
@@ -86,7 +87,7 @@ def at_line_speed(parts: list[bytes], start: float = 1.0) -> list[tuple[bytes, f
 # Delivery in any pieces ------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize(("role", "frame"), RECEIVED)
+@every_case(("role", "frame"), RECEIVED)
 def test_a_frame_is_the_same_however_it_is_delivered(role: Role, frame: bytes) -> None:
     for parts in deliveries(frame):
         line = line_of(role)
@@ -94,7 +95,7 @@ def test_a_frame_is_the_same_however_it_is_delivered(role: Role, frame: bytes) -
         assert line.deadline is None
 
 
-@pytest.mark.parametrize(("role", "frame"), RECEIVED)
+@every_case(("role", "frame"), RECEIVED)
 def test_a_strict_line_receives_a_frame_without_gaps(role: Role, frame: bytes) -> None:
     for parts in deliveries(frame):
         line = line_of(role, strict=True)
@@ -103,14 +104,14 @@ def test_a_strict_line_receives_a_frame_without_gaps(role: Role, frame: bytes) -
         assert silence(line) == [decode(frame)], parts
 
 
-@pytest.mark.parametrize(("role", "frame"), RECEIVED)
+@every_case(("role", "frame"), RECEIVED)
 def test_two_frames_glued_together_are_two(role: Role, frame: bytes) -> None:
     for parts in deliveries(frame + frame) if len(frame) < 40 else [[frame + frame], [frame + frame[:9], frame[9:]]]:
         assert feed_all(line_of(role), spaced(parts, 0.002)) == [decode(frame)] * 2, parts
 
 
-@pytest.mark.parametrize("noise", ["00", "FF", "FF FF FF", "01 03", "01 03 FA", "00 41", "01 83 02 00 00", "2B 0E 01"])
-@pytest.mark.parametrize(("role", "frame"), RECEIVED)
+@every_case("noise", ["00", "FF", "FF FF FF", "01 03", "01 03 FA", "00 41", "01 83 02 00 00", "2B 0E 01"])
+@every_case(("role", "frame"), RECEIVED)
 def test_noise_before_a_frame_hides_it_only_from_a_client_or_server(role: Role, frame: bytes, noise: str) -> None:
     """They take it behind stray bytes 00 and FF. Other noise may be a damaged frame, and the frame a part of it."""
     expected = [decode(frame)] if role == "listener" or noise in ("00", "FF", "FF FF FF") else []
@@ -121,7 +122,7 @@ def test_noise_before_a_frame_hides_it_only_from_a_client_or_server(role: Role, 
         assert b"".join(found.data for found in noise_of(events)) == unhex(noise) + frame * (not expected)
 
 
-@pytest.mark.parametrize(("role", "frame"), RECEIVED)
+@every_case(("role", "frame"), RECEIVED)
 def test_noise_behind_a_frame_does_not_change_the_frame(role: Role, frame: bytes) -> None:
     line = line_of(role)
     assert line.feed(frame + b"\xff\x00", 1.0) == [decode(frame)]
@@ -301,8 +302,8 @@ def test_a_frame_with_a_wrong_byte_count_and_a_good_crc_is_a_frame() -> None:
         assert silence(line) == [Adu(1, unhex(pdu))]
 
 
-@pytest.mark.parametrize("length", [0, 1, 2, 3, 250])
-@pytest.mark.parametrize("role", ROLES)
+@every_case("length", [0, 1, 2, 3, 250])
+@every_case("role", ROLES)
 def test_query_data_of_any_length_is_received(role: Role, length: int) -> None:
     """Two bytes of query data are the counted length; any other number is ended by silence."""
     frame = encode(1, unhex("08 0000") + b"\xa5" * length)
@@ -330,8 +331,8 @@ OTHER_TRAFFIC = [
 ]
 
 
-@pytest.mark.parametrize("step", [0.0, 0.002, 2 * PATIENCE], ids=["glued", "batches", "pauses"])
-@pytest.mark.parametrize("count", range(len(OTHER_TRAFFIC) + 1))
+@every_case("step", [0.0, 0.002, 2 * PATIENCE])
+@every_case("count", range(len(OTHER_TRAFFIC) + 1))
 def test_a_server_receives_its_request_after_traffic_of_other_units(count: int, step: float) -> None:
     line = line_of("server", units=(1,))
     frames = [*OTHER_TRAFFIC[:count], OURS]
@@ -420,8 +421,8 @@ def test_strict_a_gap_of_t35_ends_a_frame_without_feeding_none(characters: float
     assert silence(line) == [decode(frame)]
 
 
-@pytest.mark.parametrize("baudrate", [1200, 9600, 19200, 38400, 115200])
-@pytest.mark.parametrize("start", [0.1, 1234.5678, 86400.1, 1e6 / 3])
+@every_case("baudrate", [1200, 9600, 19200, 38400, 115200])
+@every_case("start", [0.1, 1234.5678, 86400.1, 1e6 / 3])
 def test_gaps_of_exactly_t15_and_t35_count_as_such_at_every_baudrate_and_time(baudrate: int, start: float) -> None:
     """A gap of exactly t1.5 is allowed and one of exactly t3.5 ends a frame, in spite of rounded sums."""
     timing = Timing.of(baudrate)

@@ -10,6 +10,7 @@ from barewire.canopen.ascii_gateway.lines import TYPE_NAMES, from_text, split_li
 from barewire.canopen.ascii_gateway.session import parse_line
 from barewire.conversation import play
 from tests.canopen.ascii_gateway.test_session import answer_to
+from tests.helpers import every_case
 
 
 @pytest.mark.parametrize("line", ["", "   ", "# a comment", "  # another"])
@@ -17,7 +18,7 @@ def test_empty_lines_are_not_answered(line: str) -> None:
     assert play(GatewaySession().answer(line), lambda frame, at: [])[0] == []
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("line", "code"),
     [
         ("5 start", "[0] ERROR:101"),
@@ -117,7 +118,7 @@ def test_quotes_hold_any_word_together(words: list[str]) -> None:
     assert split_line(line) == words
 
 
-@pytest.mark.parametrize("type", TYPE_NAMES)
+@every_case("type", TYPE_NAMES)
 def test_text_and_bytes_convert_both_ways(type: str) -> None:
     if type in ("vs", "os", "us", "d", "hex"):
         data = b"ab"

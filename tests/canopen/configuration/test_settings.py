@@ -9,6 +9,7 @@ import pytest
 from barewire.canopen import DeviceConfiguration, Setting, device_configuration, eds
 from barewire.errors import EncodeError
 from tests.canopen.configuration.plant import DATE, dcf, described
+from tests.helpers import every_case
 
 
 def texts(settings: Iterable[Setting]) -> list[str]:
@@ -111,7 +112,7 @@ def one_object(place: str, code: int, value: str, *others: str) -> eds.Eds:
 BOOLEAN, I8, I32, U8, U16, U32, REAL32, STRING, OCTETS, DOMAIN, U64 = 1, 2, 4, 5, 6, 7, 8, 9, 10, 15, 27
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("place", "code", "value", "expected"),
     [
         ("1800sub1", STRING, "abc", "1800h:01 record.value is string: expected u32"),

@@ -25,6 +25,7 @@ from barewire.canopen.sdo.server import SdoServer
 from barewire.codecs import Value
 from barewire.devices.sim import simulator
 from tests.canopen.device.test_device import feed
+from tests.helpers import every_case
 
 INTERNAL_SOFTWARE = "085#0061010000000000"
 
@@ -263,8 +264,8 @@ def test_a_simulator_whose_machine_fails() -> None:
 WRONG = [300, -1, "x", float("nan"), float("inf"), [1], object()]
 
 
-@pytest.mark.parametrize("value", WRONG, ids=lambda value: type(value).__name__)
-@pytest.mark.parametrize("index", [0x1001, 0x100C, 0x1014, 0x1015, 0x1016, 0x1017], ids=hex)
+@every_case("value", WRONG)
+@every_case("index", [0x1001, 0x100C, 0x1014, 0x1015, 0x1016, 0x1017])
 def test_a_value_that_a_communication_object_cannot_have_is_reported(index: int, value: Any) -> None:
     application = Application()
     sub = 1 if index == 0x1016 else 0

@@ -16,7 +16,7 @@ from barewire_workbench.eds.lint import lint
 from tests.canopen.eds import table as eds_table
 from tests.canopen.eds.field_files import FIELD, LINTED, ODDITIES, SEEN
 from tests.canopen.eds.oddities import GOOD, MADE, RECORD, Oddity
-from tests.helpers import modest
+from tests.helpers import every_case, modest
 
 
 def data_of(oddity: Oddity) -> bytes:
@@ -27,7 +27,7 @@ def present(objects: ObjectDictionary, index: int, sub: int) -> Any:
     return objects.get(index, sub)
 
 
-@pytest.mark.parametrize("oddity", ODDITIES, ids=[oddity.name for oddity in ODDITIES])
+@every_case("oddity", ODDITIES)
 def test_an_oddity_is_reported_and_read(oddity: Oddity) -> None:
     document = eds.parse(data_of(oddity))
     assert [f"{diagnostic.line} {diagnostic.rule}" for diagnostic in document.diagnostics] == list(oddity.rules)
@@ -43,7 +43,7 @@ def test_an_oddity_is_reported_and_read(oddity: Oddity) -> None:
         assert eds.parse(data_of(oddity), strict=True).encode() == data_of(oddity)
 
 
-@pytest.mark.parametrize("oddity", LINTED, ids=[oddity.name for oddity in LINTED])
+@every_case("oddity", LINTED)
 def test_an_oddity_is_reported_by_lint_only(oddity: Oddity) -> None:
     document = eds.parse(data_of(oddity))
     findings = [f"{diagnostic.line} {diagnostic.rule}" for diagnostic in lint(document)]

@@ -6,6 +6,7 @@ import pytest
 
 from barewire.canopen import CanFrame, NmtCommand, NmtMessage, NmtSlave, NmtState
 from barewire.errors import DecodeError, EncodeError, Reason
+from tests.helpers import every_case
 
 
 # The table of the AZ3's guide, 4.2.1: "00 02 01 ID" is COB-ID 000h, length 2, command, node.
@@ -59,8 +60,8 @@ def slave_in(state: NmtState) -> NmtSlave:
 RUNNING = [NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL, NmtState.STOPPED]
 
 
-@pytest.mark.parametrize("before", RUNNING)
-@pytest.mark.parametrize(
+@every_case("before", RUNNING)
+@every_case(
     ("command", "after"),
     [
         (NmtCommand.START, NmtState.OPERATIONAL),
@@ -70,7 +71,7 @@ RUNNING = [NmtState.PRE_OPERATIONAL, NmtState.OPERATIONAL, NmtState.STOPPED]
         (NmtCommand.RESET_COMMUNICATION, NmtState.INITIALISING),
     ],
 )
-@pytest.mark.parametrize("node", [0, 5])
+@every_case("node", [0, 5])
 def test_every_transition(before: NmtState, command: NmtCommand, after: NmtState, node: int) -> None:
     slave = slave_in(before)
     assert slave.feed(NmtMessage(command, node).encode(), 1.0) == [(command, before, after)]

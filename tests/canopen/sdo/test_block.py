@@ -22,6 +22,7 @@ from barewire.canopen import (
 from barewire.conversation import Conversation, Heard, Listen, abort_frames, play
 from barewire.errors import EncodeError, NoAnswer
 from tests.canopen.sdo.sdo_bus import Bus, Store
+from tests.helpers import every_case
 
 
 def counting(length: int) -> bytes:
@@ -62,8 +63,8 @@ def test_an_upload_has_a_crc_if_the_client_offers_one(offered: bool) -> None:
     assert bus.log[-2] == f"S D5 {'C3 31' if offered else '00 00'} 00 00 00 00 00"
 
 
-@pytest.mark.parametrize("block", [False, True, BlockSettings(size=3), BlockSettings(crc=False)])
-@pytest.mark.parametrize("length", [*range(21), 21, 22, 889, 890, 4000])
+@every_case("block", [False, True, BlockSettings(size=3), BlockSettings(crc=False)])
+@every_case("length", [*range(21), 21, 22, 889, 890, 4000])
 def test_every_length_there_and_back(length: int, block: bool | BlockSettings) -> None:
     value, store, channel = counting(length), Store(), Channel(5)
     bus = Bus(SdoServer(5, store, blksize=127 if block is True else 5))

@@ -10,6 +10,7 @@ from barewire.canopen import AbortCode, BlockSettings, CanFrame, Channel, SdoAbo
 from barewire.conversation import Conversation, Heard, Listen, Send, abort_frames, play
 from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import EncodeError, NoAnswer
+from tests.helpers import every_case
 
 Peer = Callable[[CanFrame, float], Iterable[tuple[float, CanFrame]]]
 
@@ -98,7 +99,7 @@ def test_an_indicated_size_is_not_changed() -> None:
     assert play(upload(5, 0x6041, size=2), script)[0] == bytes.fromhex("37060000")
 
 
-@pytest.mark.parametrize("code", list(AbortCode))
+@every_case("code", list(AbortCode))
 def test_every_abort_code_of_a_server_raises_sdo_abort(code: AbortCode) -> None:
     abort = f"585#80416000{code.to_bytes(4, 'little').hex()}"
     for conversation in (upload(5, 0x6041), download(5, 0x6041, 0, b"\1")):

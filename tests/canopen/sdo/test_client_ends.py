@@ -12,9 +12,10 @@ from barewire.canopen.nmt.node_monitor import NodeMonitor
 from barewire.conversation import Conversation, Heard, Listen, Send, Wire, abort_frames, play
 from barewire.errors import EncodeError, NoAnswer
 from tests.canopen.sdo.test_client import Script, no_answer
+from tests.helpers import every_case
 
 
-@pytest.mark.parametrize("code", list(AbortCode))
+@every_case("code", list(AbortCode))
 def test_after_an_abort_that_is_out_of_step_the_channel_waits_for_late_responses(code: AbortCode) -> None:
     channel = Channel(5)
     abort = f"585#80416000{code.to_bytes(4, 'little').hex()}"

@@ -23,7 +23,7 @@ import pytest
 from barewire.canopen import AbortCode, BlockSettings, CanFrame, Channel, SdoAbort, SdoServer, download, upload
 from barewire.errors import NoAnswer
 from tests.canopen.sdo.sdo_bus import FRAME_TIME, Bus, Fault, Store
-from tests.helpers import some_of
+from tests.helpers import every_case, some_of
 
 TIMEOUT = 1.0
 BLKSIZE = 3
@@ -212,7 +212,7 @@ def test_any_frame_lost_doubled_late_or_swapped(kind: Kind, length: int, blksize
                 assert outcome == "right" or outcome in SENSIBLE, (hit, name, number)
 
 
-@pytest.mark.parametrize(("kind", "length"), BLOCK_CASES)
+@every_case(("kind", "length"), BLOCK_CASES)
 def test_every_segment_and_every_acknowledgement_may_be_lost(kind: Kind, length: int) -> None:
     """Any frame can be lost without an error, except request, response and start, and the end and its response."""
     frames = frames_of(kind, length)
@@ -229,7 +229,7 @@ def test_the_lost_end_of_a_block_upload_delays_nothing() -> None:
 
 
 @pytest.mark.parametrize("change", some_of([0x01, 0x80, 0xFF], 2))
-@pytest.mark.parametrize(("kind", "length"), CASES)
+@every_case(("kind", "length"), CASES)
 def test_any_byte_of_any_frame_corrupted(kind: Kind, length: int, change: int) -> None:
     """A CRC prevents wrong bytes. Requests, responses and transfers without blocks have none, so their bytes may be
     wrong (46h is a valid response in place of C6h), but every transfer ends, and the next one works."""

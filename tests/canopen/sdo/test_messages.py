@@ -32,6 +32,7 @@ from barewire.canopen.sdo import (
 from barewire.canopen.sdo.messages import SdoMessage, decode_one_of
 from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import DecodeError, EncodeError, Refused
+from tests.helpers import every_case
 
 
 def raw(text: str) -> bytes:
@@ -109,7 +110,7 @@ BLOCKS = [
 ]
 
 
-@pytest.mark.parametrize(("text", "message"), SEGMENTS + BLOCKS)
+@every_case(("text", "message"), SEGMENTS + BLOCKS)
 def test_segment_and_block_messages_encode_and_decode(text: str, message: SdoMessage) -> None:
     assert message.encode() == raw(text)
     assert decode_one_of(raw(text), (type(message),)) == message

@@ -17,7 +17,7 @@ from barewire.canopen.sdo.plain import NOT_PLAIN, PlainDownload, PlainExchange, 
 from barewire.conversation import Abandoned, Conversation, Heard, Listen
 from barewire.errors import BarewireError, EncodeError
 from tests.canopen.sdo.sdo_bus import plainly
-from tests.helpers import modest
+from tests.helpers import every_case, modest
 
 TIMEOUT = 1.0
 INDEX, OTHER = 0x6041, 0x6042
@@ -159,8 +159,8 @@ def test_a_plain_exchange_does_what_its_conversation_does(
     assert visible(by_exchange, steps, own_frames, monitored) == visible(by_conversation, steps, own_frames, monitored)
 
 
-@pytest.mark.parametrize("verb", ["upload", "download", "read"])
-@pytest.mark.parametrize("first", [*KINDS, *WRAPPED])
+@every_case("verb", ["upload", "download", "read"])
+@every_case("first", [*KINDS, *WRAPPED])
 def test_after_every_pair_of_frames_both_are_in_the_same_state(first: str, verb: str) -> None:
     for second in (*KINDS, *WRAPPED):
         steps = [(verb, INDEX, [(first, 0.25), (second, 0.25)], 0.0), ("upload", INDEX, [("good", 0.25)], 0.0)]

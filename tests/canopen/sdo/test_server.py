@@ -26,6 +26,7 @@ from barewire.conversation import Conversation, play
 from barewire.devices.sdo_dialects import AZ3
 from barewire.errors import EncodeError
 from tests.canopen.sdo.sdo_bus import NAME, Bus, Store, objects
+from tests.helpers import every_case
 
 
 def refusing_objects() -> ObjectDictionary:
@@ -62,7 +63,7 @@ def dialogue(server: SdoServer, request: str) -> str:
     return " ".join(frame.data.hex(" ").upper() for frame in frames)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("request_", "answer"),
     [
         # uploads of 1 to 4 bytes
@@ -229,7 +230,7 @@ def test_a_wrong_crc() -> None:
     assert server.objects.read(0x2100, 0) == b""
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("frames", "answer"),
     [
         (("40 08 10", "70"), "80 08 10 00 00 00 03 05"),  # wrong first toggle
@@ -307,7 +308,7 @@ def test_a_silent_client_times_out(frames: tuple[str, ...], silences: int, answe
 READ, READ_RESPONSE = "40 00 10", "43 00 10 00 91 01 0F"
 
 
-@pytest.mark.parametrize(
+@every_case(
     "begun",
     [
         ("40 08 10",),
@@ -320,9 +321,8 @@ READ, READ_RESPONSE = "40 00 10", "43 00 10 00 91 01 0F"
         ("C6 00 21 00 0A",),  # no segment has come
         ("C6 00 21 00 0A", *TEN),  # only the end is missing
     ],
-    ids=" ".join,
 )
-@pytest.mark.parametrize(
+@every_case(
     ("request_", "response"),
     [(READ, READ_RESPONSE), ("21 17 10 00 02", "60 17 10"), ("A4 17 10 00 14", "C6 17 10 00 02")],
 )

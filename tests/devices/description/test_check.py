@@ -18,7 +18,7 @@ from barewire.devices import DescriptionError, load
 from barewire.devices.description.check import KeyLines, KeyPath, rule_of
 from barewire.devices.description.load import CATALOG
 from barewire.errors import BarewireError
-from tests.helpers import modest, refused
+from tests.helpers import every_case, modest, refused
 
 HEAD = """\
 name = "mine"
@@ -153,7 +153,7 @@ KEY_ERRORS: list[tuple[str, str, int, dict[str, str | None]]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("key", "message", "line", "changes"), KEY_ERRORS)
+@every_case(("key", "message", "line", "changes"), KEY_ERRORS)
 def test_an_error_in_a_row_names_line_and_key(
     key: str, message: str, line: int, changes: dict[str, str | None], tmp_path: Path
 ) -> None:
@@ -232,7 +232,7 @@ HEAD_ERRORS: list[tuple[str, str]] = [
 ]  # fmt: skip
 
 
-@pytest.mark.parametrize(("head", "message"), HEAD_ERRORS)
+@every_case(("head", "message"), HEAD_ERRORS)
 def test_an_error_in_device_toml_names_line_and_key(head: str, message: str, tmp_path: Path) -> None:
     text = load_error(write(tmp_path, row(), head))
     assert text.startswith(str(tmp_path / "device.toml") + ":" + message), text
@@ -344,7 +344,7 @@ key = 6
 '''
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("path", "line"),
     [
         (("top",), 1),
@@ -379,7 +379,7 @@ def test_the_example_is_valid_toml() -> None:
     assert tomllib.loads(TEXT)["parameter"][1]["bits"] == {"5": "five"}
 
 
-@pytest.mark.parametrize("file", sorted(CATALOG.glob("*/*.toml")), ids=lambda file: f"{file.parent.name}/{file.name}")
+@every_case("file", sorted(CATALOG.glob("*/*.toml")))
 def test_every_key_of_the_catalogue_is_found_on_its_line(file: Any) -> None:
     text = file.read_text(encoding="utf-8")
     lines, written = KeyLines(text), text.splitlines()

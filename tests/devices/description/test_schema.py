@@ -25,12 +25,13 @@ from barewire.devices.description.load import CATALOG
 from barewire.devices.parameter import INTEGER_TYPES, TABLE_NAMES, VALUE_TYPES, ParameterAccess
 from barewire.devices.sdo_dialects import DIALECTS
 from tests.devices.description.test_check import HEAD, HEAD_ERRORS, row, write
+from tests.helpers import every_case
 
 ROOT = Path(__file__).parents[3]
 VALIDATOR = Draft202012Validator(dict(schema()))
 
 
-@pytest.mark.parametrize("file", sorted(CATALOG.glob("*/*.toml")), ids=lambda file: f"{file.parent.name}/{file.name}")
+@every_case("file", sorted(CATALOG.glob("*/*.toml")))
 def test_the_catalogue_follows_the_schema(file: Path) -> None:
     VALIDATOR.validate(tomllib.loads(file.read_text(encoding="utf-8")))
 
@@ -80,9 +81,7 @@ def test_schema_and_loader_refuse_the_same_rows(changes: dict[str, str | None], 
 BEYOND_SCHEMA = ("not TOML", "nested", "room for 64", "is not a parameter")
 
 
-@pytest.mark.parametrize(
-    "head", [head for head, message in HEAD_ERRORS if not any(word in message for word in BEYOND_SCHEMA)]
-)
+@every_case("head", [head for head, message in HEAD_ERRORS if not any(word in message for word in BEYOND_SCHEMA)])
 def test_schema_and_loader_refuse_the_same_heads(head: str) -> None:
     assert not VALIDATOR.is_valid(tomllib.loads(head))
 

@@ -13,7 +13,7 @@ from barewire.canopen import CanFrame, Entry, ObjectDictionary, PdoConfig, Remot
 from barewire.devices import load
 from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.bus.shared_bus import CanBus
-from tests.helpers import refused
+from tests.helpers import every_case, refused
 from tests.io.canopen.either_client import KINDS, get, run_with
 from tests.io.canopen.memory_bus import MemoryPort, device
 
@@ -166,7 +166,7 @@ def test_a_wrong_time_out_of_a_client_is_refused() -> None:
             client.receive(NAN)
 
 
-@pytest.mark.parametrize(("case", "text"), TEXTS, ids=[text for _, text in TEXTS])
+@every_case(("case", "text"), TEXTS)
 def test_the_error_of_a_wrong_argument_says_what_was_expected(case: Callable[[Any], Any], text: str) -> None:
     with CanBus(MemoryPort()) as bus, CanopenClient(bus, node=6, timeout=30.0) as client, refused(EncodeError, text):
         case(client)

@@ -45,7 +45,7 @@ from barewire.modbus import (
 from barewire.modbus.messages.registry import AnyRequest
 from barewire.rtu import RtuLine, Timing, frame as rtu_frame
 from barewire.tcp import TcpLine, frame as tcp_frame
-from tests.helpers import Peer, refused, serving
+from tests.helpers import Peer, every_case, refused, serving
 
 ANSWER = rtu_frame.encode(1, bytes.fromhex("03 02 12 34"))
 SDO = CanFrame.parse("581#4B41600037060000")
@@ -414,7 +414,7 @@ def test_a_text_becomes_faults() -> None:
     assert hit({"drop": 1}, ReadCoils(20, 1))
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("text", "message"),
     [
         ("drp", "fault 'drp': expected some of drop, exception, flip,"),

@@ -4,12 +4,11 @@ from __future__ import annotations
 
 from contextlib import suppress
 
-import pytest
 from hypothesis import given, strategies as st
 
 from barewire.modbus.client import fair_queue
 from barewire.modbus.client.fair_queue import FairQueue, Ticket
-from tests.helpers import modest
+from tests.helpers import every_case, modest
 from tests.interrupts import Interrupt, interrupt
 
 
@@ -99,7 +98,7 @@ def test_every_place_that_is_given_back_can_be_taken_again() -> None:
         assert [queue.leave(ticket) for ticket in (tickets[2], *tickets[:2])] == [False, False, False]
 
 
-@pytest.mark.parametrize("interrupted_at", range(60))
+@every_case("interrupted_at", range(60))
 def test_an_exception_at_any_line_loses_no_ticket_and_no_place(interrupted_at: int) -> None:
     queue = FairQueue(2)
     tickets = [Ticket(unit) for unit in (1, 1, 2, 3)]

@@ -56,7 +56,7 @@ from barewire.modbus import (
     decode_response,
 )
 from barewire.modbus.messages.registry import AnyRequest, known_requests, measure_request, measure_response
-from tests.helpers import modest, readable, unhex
+from tests.helpers import every_case, modest, readable, unhex
 
 ADDRESS = WORD = st.integers(0, 0xFFFF)
 BYTE = st.integers(0, 0xFF)
@@ -182,7 +182,7 @@ def test_a_response_is_decoded_as_it_was_encoded(response: Response) -> None:
     assert type(response).decode(pdu) == decode_response(pdu) == response
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("request_pdu", "response_pdu"),
     [
         ("01 0013 0013", "01 03 CD6B05"),
@@ -290,7 +290,7 @@ def test_the_fields_of_a_truncated_message_lie_inside_it(message: Message, data:
     assert end <= len(half)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("message", "pdu", "name", "meaning"),
     [
         (Diagnostics, "08 0004 0000", "sub_function", "Force Listen Only Mode"),

@@ -22,7 +22,7 @@ from barewire.modbus import (
     WriteSingleRegister,
 )
 from barewire.modbus.messages.registry import AnyRequest
-from tests.helpers import modest, refused, unhex
+from tests.helpers import every_case, modest, refused, unhex
 
 
 def test_bits_are_cut_to_the_quantity_of_the_request() -> None:
@@ -39,7 +39,7 @@ def test_another_number_of_registers_is_a_mismatch() -> None:
     assert ReadHoldingRegisters(0, 2).read_response(unhex("03 04 0001 0002")) == ReadHoldingRegistersResponse((1, 2))
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("request_", "pdu", "at", "text"),
     [
         (ReadHoldingRegisters(0, 2), "04 04 0001 0002", 0, "function 04 where 03 (Read Holding Registers)"),

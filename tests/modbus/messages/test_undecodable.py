@@ -2,8 +2,6 @@
 
 from __future__ import annotations
 
-import pytest
-
 from barewire.errors import DecodeError
 from barewire.modbus import (
     ExceptionResponse,
@@ -12,10 +10,10 @@ from barewire.modbus import (
     decode_request,
     decode_response,
 )
-from tests.helpers import refused, unhex
+from tests.helpers import every_case, refused, unhex
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("pdu", "reason", "at", "text"),
     [
         ("", "short", 0, "an empty PDU has no function code"),
@@ -70,7 +68,7 @@ def test_a_request_that_cannot_be_decoded_gives_place_and_reason(pdu: str, reaso
     assert (caught.value.reason, caught.value.at) == (reason, at)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("pdu", "reason", "at", "text"),
     [
         ("", "short", 0, "an empty PDU has no function code"),

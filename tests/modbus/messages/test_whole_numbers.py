@@ -23,7 +23,7 @@ from barewire.modbus import (
     WriteSingleCoil,
     WriteSingleRegister,
 )
-from tests.helpers import refused
+from tests.helpers import every_case, refused
 
 
 class Whole:
@@ -114,10 +114,8 @@ def test_other_numbers_are_refused(make: Callable[[], object], text: str) -> Non
         make()
 
 
-@pytest.mark.parametrize(
-    "row", [5, None, (number for number in [1]), map(int, "1"), {1}, frozenset([1]), {1: 1}, "1", b"1"]
-)
-@pytest.mark.parametrize(
+@every_case("row", [5, None, (number for number in [1]), map(int, "1"), {1}, frozenset([1]), {1: 1}, "1", b"1"])
+@every_case(
     ("make", "text"),
     [
         (lambda row: WriteMultipleRegisters(0, row), ": expected a list of whole numbers in 0..65535"),

@@ -18,7 +18,7 @@ from barewire.modbus import (
     WriteMultipleRegisters,
     WriteSingleRegister,
 )
-from tests.helpers import refused
+from tests.helpers import every_case, refused
 
 WITH_REGISTERS: list[Callable[[Any], Any]] = [
     lambda values: WriteMultipleRegisters(0, values),
@@ -27,8 +27,8 @@ WITH_REGISTERS: list[Callable[[Any], Any]] = [
 ]
 
 
-@pytest.mark.parametrize("values", [b"abc", bytearray(b"abc"), "abc", 1, None, 1.5])
-@pytest.mark.parametrize("message", WITH_REGISTERS)
+@every_case("values", [b"abc", bytearray(b"abc"), "abc", 1, None, 1.5])
+@every_case("message", WITH_REGISTERS)
 def test_registers_are_a_list_of_numbers(message: Callable[[Any], Any], values: Any) -> None:
     with refused(EncodeError, f"registers = {values!r}: expected a list of whole numbers in 0..65535"):
         message(values)

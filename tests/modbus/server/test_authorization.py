@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import pytest
-
 from barewire.errors import EncodeError
 from barewire.modbus import (
     Authorization,
@@ -20,7 +18,7 @@ from barewire.modbus import (
     WriteMultipleRegisters,
     WriteSingleRegister,
 )
-from tests.helpers import refused
+from tests.helpers import every_case, refused
 
 TABLE = Authorization.parse(
     """{"Viewer": [{"functions": [3, 4, 17]}],
@@ -32,7 +30,7 @@ TABLE = Authorization.parse(
 )
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("role", "unit", "request_", "allowed"),
     [
         ("Viewer", 1, ReadHoldingRegisters(0, 125), True),
@@ -69,7 +67,7 @@ def test_requests_that_are_permitted_and_refused(
     assert TABLE.allows(role, unit, request_) is allowed
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("text", "error"),
     [
         ("{", "a table of roles is JSON"),

@@ -10,7 +10,7 @@ import pytest
 from barewire.errors import EncodeError
 from barewire.modbus import Adu, Functions, Identity, ModbusException, ReadHoldingRegisters, Response, Server
 from barewire.tcp import TcpLine
-from tests.helpers import refused, unhex
+from tests.helpers import every_case, refused, unhex
 
 
 def answered(unit: Functions, pdu: str) -> str:
@@ -65,7 +65,7 @@ class Plant:
         )
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("pdu", "answer"),
     [
         ("01 0000 0003", "010100"),
@@ -103,7 +103,7 @@ def test_write_functions_receive_the_values() -> None:
     assert plant.files[1, 0] == 0x1234
 
 
-@pytest.mark.parametrize(
+@every_case(
     "pdu",
     [
         *("01 0000 0001", "02 0000 0001", "03 0000 0001", "04 0000 0001", "05 0000 FF00", "06 0000 0001", "07", "11"),

@@ -30,7 +30,7 @@ from barewire.modbus import (
     WriteSingleRegister,
 )
 from barewire.modbus.messages.registry import AnyRequest
-from tests.helpers import refused
+from tests.helpers import every_case, refused
 
 
 def test_written_values_are_read_back() -> None:
@@ -135,7 +135,7 @@ def test_a_name_that_is_too_long_is_refused(vendor: str, product: str) -> None:
         Table(vendor=vendor, product=product)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("options", "text"),
     [
         ({"size": -1}, "size = -1: expected 0..65536"),

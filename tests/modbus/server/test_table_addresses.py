@@ -24,7 +24,7 @@ from barewire.modbus import (
     WriteSingleRegister,
 )
 from barewire.modbus.messages.registry import AnyRequest
-from tests.helpers import refused
+from tests.helpers import every_case, refused
 
 
 def declined(table: Table, request: AnyRequest) -> int:
@@ -53,7 +53,7 @@ def test_blocks_begin_at_their_addresses_and_adjacent_ones_are_one() -> None:
     assert table.handle(ReadCoils(8, 2), 0.0).bits == (True, False)  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize(
+@every_case(
     "request_",
     [
         *(ReadHoldingRegisters(address, 1) for address in (0, 9, 13, 99, 104, 65535)),
@@ -112,7 +112,7 @@ def test_tables_that_are_not_given_have_the_size() -> None:
     assert table.handle(ReadInputRegisters(0, 3), 0.0).registers == (0, 0, 0)  # type: ignore[union-attr]
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("options", "text"),
     [
         ({"coils": 8}, "coils = 8: expected a list of values from address 0, such as [0] * 10, or a dict of address"),

@@ -16,7 +16,7 @@ from barewire import CanopenClient, ModbusServer
 from barewire.devices.sim import simulator
 from barewire.errors import PortError
 from barewire_workbench.cli.app import COMMANDS
-from tests.helpers import free_port
+from tests.helpers import every_case, free_port
 from tests.workbench.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, run_command, simulated_at
 
 
@@ -28,7 +28,7 @@ def test_version_and_help() -> None:
     assert [(name, summary) for name, summary in listed] == [(name, COMMANDS[name][1]) for name in COMMANDS]
 
 
-@pytest.mark.parametrize("name", COMMANDS)
+@every_case("name", COMMANDS)
 def test_the_help_of_a_command_begins_with_its_line_of_the_list(name: str) -> None:
     usage, empty, first, *_ = output_of(name, "--help").splitlines()
     assert usage.startswith(f"Usage: barewire {name} ")

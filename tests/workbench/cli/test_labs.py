@@ -14,6 +14,7 @@ from barewire_workbench.cli.labs import LABS
 from barewire_workbench.cli.labs.model import Lab
 from barewire_workbench.cli.labs.real_line import HEAT_PUMP_LOG
 from barewire_workbench.cli.labs.repair import LIVE_UNIT, RECORDINGS, recording_text
+from tests.helpers import every_case
 from tests.workbench.cli.helpers import run_here
 
 RIGHT: dict[str, tuple[str, ...]] = {
@@ -238,7 +239,7 @@ def test_every_exercise_has_answers_here() -> None:
     assert {number for number, _, _ in WRONG} == numbers
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("number", "answer"),
     [
         *((number, solution) for number, solution in SOLUTIONS.items() if number not in LIVE),
@@ -250,7 +251,7 @@ def test_a_right_answer(number: str, answer: str) -> None:
     assert (status, text[: len(number) + 8]) == (0, f"{number} right: "), text
 
 
-@pytest.mark.parametrize(("number", "answer", "hint"), WRONG, ids=str)
+@every_case(("number", "answer", "hint"), WRONG)
 def test_a_wrong_answer_gets_a_hint_that_is_not_the_answer(number: str, answer: str, hint: str) -> None:
     status, text = checked(number, answer)
     assert (status, text[: len(number) + 8]) == (1, f"{number} wrong: "), text

@@ -14,7 +14,7 @@ from barewire.modbus import Bus, Server, Table
 from barewire.tcp import TcpLine
 from barewire_workbench.cli.raw_address import RAW, device_with, expanded, raw_parameter, wire_address
 from barewire_workbench.cli.value_text import parse_value
-from tests.helpers import refused, serving
+from tests.helpers import every_case, refused, serving
 
 
 @pytest.mark.parametrize(
@@ -43,7 +43,7 @@ def test_objects_are_hexadecimal_in_any_form() -> None:
     assert raw_parameter("object:1018h.10h:u32").object == ObjectAt(0x1018, 0x10)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("text", "message"),
     [
         ("holding", "'holding' is not an address: expected TABLE:ADDRESS"),
@@ -144,7 +144,7 @@ def test_what_is_written_is_read() -> None:
         write_modbus(bus, 1, device, {"input:5:i16": 1})
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("text", "address"),
     [
         ("40001", "holding:0"),

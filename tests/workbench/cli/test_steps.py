@@ -9,6 +9,7 @@ from xml.etree import ElementTree
 import pytest
 
 from barewire_workbench.cli.app import run_command_line
+from tests.helpers import every_case
 from tests.workbench.cli.helpers import error_of, output_of
 
 COMMANDS = [
@@ -42,7 +43,7 @@ COMMANDS = [
 ]
 
 
-@pytest.mark.parametrize(("arguments", "result"), COMMANDS, ids=[" ".join(arguments) for arguments, _ in COMMANDS])
+@every_case(("arguments", "result"), COMMANDS)
 def test_text_and_json_have_the_same_result(arguments: tuple[str, ...], result: str) -> None:
     text = output_of("steps", *arguments)
     (only,) = output_of("steps", *arguments, "--format", "json").splitlines()
@@ -60,7 +61,7 @@ def test_the_picture_of_bytes_has_their_value_in_each_order() -> None:
         assert value in drawn
 
 
-@pytest.mark.parametrize(("arguments", "result"), COMMANDS, ids=[" ".join(arguments) for arguments, _ in COMMANDS])
+@every_case(("arguments", "result"), COMMANDS)
 def test_html_is_one_page_with_the_calculation(arguments: tuple[str, ...], result: str) -> None:
     page = output_of("steps", *arguments, "--format", "html")
     assert page.startswith("<!DOCTYPE html>")

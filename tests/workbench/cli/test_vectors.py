@@ -17,6 +17,7 @@ from barewire_workbench.cli.vectors_show import frames_of_case, pictures_of_case
 from barewire_workbench.pictures.fields import FieldsPicture, byte_boxes
 from barewire_workbench.pictures.picture import as_svg
 from barewire_workbench.vectors.profiles import badge_texts, in_profile
+from tests.helpers import every_case
 from tests.workbench.cli.helpers import output_of, run_here
 from tests.workbench.vectors.loaded import VECTORS
 
@@ -24,7 +25,7 @@ FIRST = {file.kind: file.cases[0]["id"] for file in reversed(VECTORS.files)}
 """By kind: the id of a case."""
 
 
-@pytest.mark.parametrize("kind", FIRST)
+@every_case("kind", FIRST)
 def test_a_case_of_every_kind_is_shown(kind: str) -> None:
     shown = output_of("vectors", "show", FIRST[kind])
     assert shown.startswith(f"{FIRST[kind]}   ")
@@ -33,7 +34,7 @@ def test_a_case_of_every_kind_is_shown(kind: str) -> None:
     assert "failed" not in shown.splitlines()[-1]
 
 
-@pytest.mark.parametrize("kind", FIRST)
+@every_case("kind", FIRST)
 def test_every_case_with_frames_has_a_picture(kind: str) -> None:
     file, case = VECTORS.find(FIRST[kind])
     if not [*frames_of_case(file.kind, case)] and not kind.startswith("drive-"):

@@ -10,6 +10,7 @@ import click
 import pytest
 
 from barewire_workbench.cli.app import COMMANDS, barewire_command, run_command_line
+from tests.helpers import every_case
 from tests.workbench.cli.wrong_steps import LONG_STEPS, WRONG_PICTURES, WRONG_STEPS
 
 TCP = "tcp://127.0.0.1:1"  # nothing listens there: a command that connects fails with exit status 1
@@ -413,7 +414,7 @@ TOO_LONG: list[tuple[str, ...]] = [
 ]
 
 
-@pytest.mark.parametrize("arguments", TOO_LONG, ids=range(len(TOO_LONG)))
+@every_case("arguments", TOO_LONG)
 def test_a_very_long_argument_is_not_repeated_in_full(
     arguments: tuple[str, ...], capsys: pytest.CaptureFixture[str]
 ) -> None:
@@ -423,7 +424,7 @@ def test_a_very_long_argument_is_not_repeated_in_full(
     assert len(output) < 1000
 
 
-@pytest.mark.parametrize(("arguments", "text"), WRONG, ids=[" ".join(arguments) for arguments, _ in WRONG])
+@every_case(("arguments", "text"), WRONG)
 def test_what_cannot_be_understood_is_one_line_and_exit_status_2(
     arguments: tuple[str, ...],
     text: str,

@@ -10,7 +10,7 @@ from barewire.rtu import RtuLine, Timing, decode as rtu_decode, encode as rtu_fr
 from barewire.tcp import TcpLine, decode as tcp_decode, encode as tcp_frame
 from barewire_workbench.conform.modbus import CLOSED, SILENCE, ServerCase, StepAnswer, answer_text, difference
 from barewire_workbench.live.modbus_conformance import cases_of
-from tests.helpers import unhex
+from tests.helpers import every_case, unhex
 
 CASES_TCP, CASES_RTU, CASES_ASCII = map(cases_of, ("tcp", "rtu", "ascii"))
 UNIT = 1
@@ -82,24 +82,24 @@ def over_ascii(case: ServerCase, chunk: int = 600) -> list[StepAnswer]:
     return results
 
 
-@pytest.mark.parametrize("case", CASES_TCP, ids=lambda case: case.name)
+@every_case("case", CASES_TCP)
 def test_a_tcp_server(case: ServerCase) -> None:
     assert difference(case, over_tcp(case), UNIT) is None
 
 
-@pytest.mark.parametrize("chunk", [1, 7, 256])
-@pytest.mark.parametrize("case", CASES_RTU, ids=lambda case: case.name)
+@every_case("chunk", [1, 7, 256])
+@every_case("case", CASES_RTU)
 def test_an_rtu_server(case: ServerCase, chunk: int) -> None:
     assert difference(case, over_rtu(case, strict=False, chunk=chunk), UNIT) is None
 
 
-@pytest.mark.parametrize("case", CASES_RTU, ids=lambda case: case.name)
+@every_case("case", CASES_RTU)
 def test_an_rtu_server_with_strict_t35(case: ServerCase) -> None:
     assert difference(case, over_rtu(case, strict=True), UNIT) is None
 
 
-@pytest.mark.parametrize("chunk", [1, 7, 600])
-@pytest.mark.parametrize("case", CASES_ASCII, ids=lambda case: case.name)
+@every_case("chunk", [1, 7, 600])
+@every_case("case", CASES_ASCII)
 def test_an_ascii_server(case: ServerCase, chunk: int) -> None:
     assert difference(case, over_ascii(case, chunk), UNIT) is None
 

@@ -13,6 +13,7 @@ from barewire.devices import load
 from barewire_workbench.diagnosis.can import diagnose_can
 from barewire_workbench.monitor import of_device
 from barewire_workbench.monitor.pdos import PdoTracker
+from tests.helpers import every_case
 from tests.workbench.monitor.recorded_run import DRIVE, recorded
 
 AZ3 = of_device(load("az3"), DRIVE)
@@ -48,7 +49,7 @@ GOOD = (
 )  # fmt: skip
 
 
-@pytest.mark.parametrize("text", FAULTS)
+@every_case("text", FAULTS)
 def test_a_fault_is_found_with_the_frame_that_was_meant(text: str) -> None:
     findings = diagnose_can(CanFrame.parse(text))
     code, proof = FAULTS[text]
@@ -64,7 +65,7 @@ def test_the_description_of_a_node_shows_more_faults(text: str) -> None:
     assert code not in {finding.code for finding in diagnose_can(frame)}
 
 
-@pytest.mark.parametrize("text", GOOD)
+@every_case("text", GOOD)
 def test_good_frames_and_frames_that_prove_nothing_have_no_finding(text: str) -> None:
     assert diagnose_can(CanFrame.parse(text)) == []
 

@@ -9,7 +9,7 @@ import pytest
 from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire_workbench.diagnosis.can_log import BusDiagnosis, CanLogDiagnosis
 from barewire_workbench.recordings.model import Dropped, Recorded, Unread
-from tests.helpers import some_of
+from tests.helpers import every_case, some_of
 from tests.workbench.diagnosis.can_cases import Frames, az3_known, diagnosed, good_recording, timed
 from tests.workbench.monitor.recorded_run import recorded
 
@@ -96,7 +96,7 @@ FAULTS: dict[str, tuple[list[Any], list[str], str]] = {
 }  # fmt: skip
 
 
-@pytest.mark.parametrize("name", FAULTS)
+@every_case("name", FAULTS)
 def test_a_fault_is_found_and_the_verdict_follows(name: str) -> None:
     frames, codes, verdict = FAULTS[name]
     findings, verdicts = diagnosed(frames)

@@ -13,6 +13,7 @@ import pytest
 from barewire.rtu.crc import crc16
 from barewire_workbench import explain
 from barewire_workbench.wire import FORMATS, ReceiverFault, UartLine
+from tests.helpers import every_case
 from tests.workbench.diagnosis.made_frames import made_frames
 
 DICE = random.Random(0)
@@ -84,7 +85,7 @@ DAMAGES: list[tuple[str, str, float, Damage]] = [
 ]
 
 
-@pytest.mark.parametrize(("framing", "code", "least", "damage"), DAMAGES)
+@every_case(("framing", "code", "least", "damage"), DAMAGES)
 def test_one_damage_is_the_first_finding(framing: str, code: str, least: float, damage: Damage) -> None:
     DICE.seed(f"{framing} {code}")
     found, proved = Counter[str](), 0
@@ -183,13 +184,13 @@ def calls_of_explain(data: bytes) -> int:
     return calls["call"]
 
 
-@pytest.mark.parametrize("frame", [*WITHOUT_CRC, "5D 01 D9 C9 04 CB"])
+@every_case("frame", [*WITHOUT_CRC, "5D 01 D9 C9 04 CB"])
 def test_a_frame_without_its_crc_is_explained_in_few_calls(frame: str) -> None:
     assert explain("rtu", bytes.fromhex(frame)).diagnosis[0].code == "crc-missing"
     assert calls_of_explain(bytes.fromhex(frame)) < 8000
 
 
-@pytest.mark.parametrize("frame", WITHOUT_CRC)
+@every_case("frame", WITHOUT_CRC)
 def test_a_frame_with_a_wrong_crc_or_cut_is_explained_in_few_calls(frame: str) -> None:
     body = bytes.fromhex(frame)
     assert calls_of_explain(body + bytes(byte ^ 0x55 for byte in crc(body))) < 10_000

@@ -10,6 +10,7 @@ import pytest
 from barewire.errors import BarewireError
 from barewire_workbench.diagnosis.modbus_line import ModbusLogDiagnosis
 from barewire_workbench.recordings.modbus_log import read_modbus_log
+from tests.helpers import every_case
 from tests.workbench.diagnosis.habits import ASCII, RTU, TCP, UNDECIDED, Habit, exchanges
 from tests.workbench.diagnosis.notations import NOTATIONS
 
@@ -49,7 +50,7 @@ def judged(framing: str, cause: str, notations: list[str]) -> tuple[list[str], i
     return wrong, right
 
 
-@pytest.mark.parametrize(("framing", "cause"), CASES)
+@every_case(("framing", "cause"), CASES)
 def test_a_cause_is_named_or_left_open_in_every_notation(framing: str, cause: str) -> None:
     notations = Random(f"{framing} {cause}").sample(sorted(NOTATIONS.keys() - CUT), 10)
     wrong, _ = judged(framing, cause, notations)
@@ -67,8 +68,8 @@ def test_of_all_notations_one_in_fifty_accuses_at_most(framing: str, cause: str)
     assert 50 * len(wrong) <= 2 * len(NOTATIONS) * (4 if any(words in cause for words in HARDER) else 1), wrong
 
 
-@pytest.mark.parametrize("notation", sorted(NOTATIONS))
-@pytest.mark.parametrize("framing", ["rtu", "tcp"])
+@every_case("notation", sorted(NOTATIONS))
+@every_case("framing", ["rtu", "tcp"])
 def test_a_good_log_is_good_in_every_notation(framing: str, notation: str) -> None:
     text = made(HABITS[framing]["good"], notation, 5, "good")
     assert codes_of(text) == {"nothing-wrong"}

@@ -17,6 +17,7 @@ from barewire_workbench.diagnosis.verdict import VERDICTS, VerdictCode
 from barewire_workbench.recordings.modbus_log import read_modbus_log
 from barewire_workbench.sniffer import WINDOW
 from barewire_workbench.wire import CharacterFormat, ReceiverFault, UartLine
+from tests.helpers import every_case
 from tests.workbench.diagnosis.modbus_cases import (
     DEVICES,
     FORMS,
@@ -49,8 +50,8 @@ GOOD = [
 ]
 
 
-@pytest.mark.parametrize("seed", range(3))
-@pytest.mark.parametrize(("framing", "source", "form"), GOOD)
+@every_case("seed", range(3))
+@every_case(("framing", "source", "form"), GOOD)
 def test_a_good_recording_has_no_finding(framing: str, source: str, form: str, seed: int) -> None:
     traffic = of_tables(framing, seed) if source == "tables" else of_device(framing, source, seed)
     findings, verdicts = diagnosed(log_of(traffic, form, seed))
@@ -176,7 +177,7 @@ def test_a_damaged_character_of_ascii_is_no_second_device() -> None:
     assert [verdict.code for verdict in verdicts] == ["disturbed"], verdicts
 
 
-@pytest.mark.parametrize("name", FAULTS)
+@every_case("name", FAULTS)
 def test_a_fault_of_the_line_yields_its_verdict(name: str) -> None:
     traffic, code, evidence = FAULTS[name]
     findings, verdicts = diagnosed(log_of(traffic, "times"))
@@ -223,8 +224,8 @@ INJECTED = {
 }
 
 
-@pytest.mark.parametrize("seed", range(4))
-@pytest.mark.parametrize("faults", INJECTED)
+@every_case("seed", range(4))
+@every_case("faults", INJECTED)
 def test_the_faults_of_the_simulators_are_named_for_what_they_are(faults: str, seed: int) -> None:
     findings, verdicts = diagnosed(log_of(injected(faults, seed), "marks"))
     assert {verdict.code for verdict in verdicts} <= INJECTED[faults], [found.sentence for found in findings]
@@ -405,8 +406,8 @@ ECHOES = {
 }
 
 
-@pytest.mark.parametrize("form", ["times", "words"])
-@pytest.mark.parametrize("name", ECHOES)
+@every_case("form", ["times", "words"])
+@every_case("name", ECHOES)
 def test_the_response_to_a_write_with_another_field_is_named(name: str, form: str) -> None:
     request, response, text = ECHOES[name]
     exchange = frames((1.0, 1, request), (1.02, 1, response))
@@ -501,7 +502,7 @@ def test_seven_bits_and_parity_read_as_eight_bits() -> None:
     assert [verdict.code for verdict in diagnosed(log.encode())[1]] == ["parity"]
 
 
-@pytest.mark.parametrize("name", sorted(file.name for file in SAMPLES.iterdir() if "without-bytes" not in file.name))
+@every_case("name", sorted(file.name for file in SAMPLES.iterdir() if "without-bytes" not in file.name))
 def test_recordings_of_other_programs_have_no_finding_but_their_silent_unit(name: str) -> None:
     findings, verdicts = diagnosed((SAMPLES / name).read_bytes())
     assert {(found.finding.code, found.place) for found in findings} <= {("no-answer", "unit 9")}

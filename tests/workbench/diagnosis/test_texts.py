@@ -5,9 +5,10 @@ from __future__ import annotations
 import pytest
 
 from barewire_workbench.diagnosis.texts import verdict_without_bytes
+from tests.helpers import every_case
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("text", "states", "program"),
     [
         ("Modbus Error: [Input/Output] No Response received from the remote unit", "no answer came", "pymodbus"),

@@ -17,6 +17,7 @@ from barewire.canopen import CanFrame
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from barewire_workbench.api import explain_exchange
+from tests.helpers import every_case
 from tests.workbench.diagnosis.can_cases import Frames, diagnosed as can_diagnosed
 from tests.workbench.diagnosis.modbus_cases import Sent, Traffic, diagnosed, log_of
 
@@ -79,11 +80,11 @@ FLAWS: dict[str, tuple[bytes, list[tuple[float, int, bytes]]]] = {
 }
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("flaw", "place"),
     [(flaw, place) for flaw in FLAWS for place in (2, 4, 5) if (flaw, place) != ("a late response", 5)],
 )
-@pytest.mark.parametrize("framing", ["rtu", "ascii", "tcp"])
+@every_case("framing", ["rtu", "ascii", "tcp"])
 def test_one_flaw_is_not_nothing_wrong(framing: str, flaw: str, place: int) -> None:
     pairs = exchanges(Random(place))
     request, answers = FLAWS[flaw]
@@ -96,10 +97,8 @@ def test_one_flaw_is_not_nothing_wrong(framing: str, flaw: str, place: int) -> N
         assert codes == ["open"]
 
 
-@pytest.mark.parametrize("framing", ["rtu", "ascii", "tcp"])
-@pytest.mark.parametrize(
-    "flaw", [flaw for flaw, (_, answers) in FLAWS.items() if answers and flaw != "a late response"]
-)
+@every_case("framing", ["rtu", "ascii", "tcp"])
+@every_case("flaw", [flaw for flaw, (_, answers) in FLAWS.items() if answers and flaw != "a late response"])
 def test_what_is_wrong_in_a_log_is_wrong_in_explain(framing: str, flaw: str) -> None:
     request, ((_, unit, response),) = FLAWS[flaw]
     frames = [frame_of(framing, *sent, 7) for sent in ((2, request), (unit, response))]
@@ -118,8 +117,8 @@ def test_the_proof_of_a_wrong_answer_names_what_its_framing_has(framing: str, ch
     assert proof.endswith(f"; {check}")
 
 
-@pytest.mark.parametrize("seed", range(25))
-@pytest.mark.parametrize("framing", ["rtu", "ascii", "tcp"])
+@every_case("seed", range(25))
+@every_case("framing", ["rtu", "ascii", "tcp"])
 def test_a_good_log_has_nothing_wrong(framing: str, seed: int) -> None:
     assert verdicts_of(framing, exchanges(Random(seed)), {}) == ["nothing-wrong"]
 
@@ -137,13 +136,13 @@ def can_log(random: Random) -> Frames:
     return frames
 
 
-@pytest.mark.parametrize("seed", range(25))
+@every_case("seed", range(25))
 def test_a_good_can_log_has_nothing_wrong(seed: int) -> None:
     assert [verdict.code for verdict in can_diagnosed(can_log(Random(seed)))[1]] == ["nothing-wrong"]
 
 
-@pytest.mark.parametrize("place", range(6))
-@pytest.mark.parametrize("flaw", ["an abort", "an emergency", "no response", "the response about another object"])
+@every_case("place", range(6))
+@every_case("flaw", ["an abort", "an emergency", "no response", "the response about another object"])
 def test_one_flaw_of_a_can_log_is_not_nothing_wrong(flaw: str, place: int) -> None:
     frames = can_log(Random(place))
     at, response = frames[2 * place + 1]

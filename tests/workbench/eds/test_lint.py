@@ -7,6 +7,7 @@ import pytest
 from barewire.canopen import eds
 from barewire.canopen.eds.diagnostics import LINT_RULES
 from barewire_workbench.eds.lint import lint
+from tests.helpers import every_case
 
 FINE = """\
 [FileInfo]
@@ -213,7 +214,7 @@ def test_a_file_without_fault_has_no_findings() -> None:
     assert lint(eds.parse(FINE.encode())) == ()
 
 
-@pytest.mark.parametrize(("old", "new", "place", "rule"), FAULTS)
+@every_case(("old", "new", "place", "rule"), FAULTS)
 def test_one_fault_is_found_at_its_line(old: str, new: str, place: str | int, rule: str) -> None:
     assert old in FINE
     text = FINE.replace(old, new, 1)
@@ -227,7 +228,7 @@ def test_every_rule_has_a_fault() -> None:
     assert {rule for *_, rule in FAULTS} == set(LINT_RULES)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("old", "new"),
     [
         ("DefaultValue=0x201", "DefaultValue=$NODEID+0x200"),

@@ -9,6 +9,7 @@ from barewire.canopen.lss.messages import LSS_ANSWERS, LSS_REQUESTS
 from barewire.errors import EncodeError
 from barewire_workbench import Explanation, FrameRole, explain, explain_text
 from barewire_workbench.frames.can import explain_segment
+from tests.helpers import every_case
 
 
 def of(frame: str) -> Explanation:
@@ -19,7 +20,7 @@ def meaning(frame: str, name: str) -> str:
     return next(field.meaning for field in of(frame).fields if field.name == name)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("frame", "verdict"),
     [
         ("000#0105", "NMT: start, node 5"),
@@ -88,7 +89,7 @@ def test_the_identifier_is_a_field_of_length_0() -> None:
 DIALECT = "CiA 301 has 40h for every read request; the AZ3 manual uses this form"
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("frame", "words"),
     [
         ("605#40", "initiate upload request (ccs 2)"),
@@ -211,7 +212,7 @@ def test_only_80h_is_an_abort() -> None:
     assert explain_segment(CanFrame.parse("585#8341600000000206")).verdict.endswith("segment 3 of a block, the last")
 
 
-@pytest.mark.parametrize("service", sorted(LSS_REQUESTS | LSS_ANSWERS))
+@every_case("service", sorted(LSS_REQUESTS | LSS_ANSWERS))
 def test_an_lss_service_is_valid_only_in_its_directions(service: int) -> None:
     for identifier, known in ((0x7E5, LSS_REQUESTS), (0x7E4, LSS_ANSWERS)):
         explanation = explain("can", CanFrame(identifier, bytes([service]) + bytes(7)))

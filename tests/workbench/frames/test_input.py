@@ -11,6 +11,7 @@ from barewire.errors import DecodeError, EncodeError
 from barewire_workbench import explain, explain_text
 from barewire_workbench.frames.input import parse_ascii, parse_hex
 from barewire_workbench.recordings.candump import parse_any_can
+from tests.helpers import every_case
 
 
 @pytest.mark.parametrize(
@@ -35,7 +36,7 @@ def test_hexadecimal_in_any_notation(text: str) -> None:
 ASK = bytes.fromhex("01 03 00 00 00 0A C5 CD")
 
 
-@pytest.mark.parametrize(
+@every_case(
     "text",
     [
         "{0x01, 0x03, 0x00, 0x00, 0x00, 0x0a, 0xc5, 0xcd};",

@@ -10,6 +10,7 @@ import pytest
 
 from barewire import rtu
 from barewire_workbench import Explanation, FrameRole, explain
+from tests.helpers import every_case
 
 VECTORS = Path(__file__).parents[3] / "vectors" / "cases"
 LEFT_OPEN = {"exceptions-34": False}
@@ -43,7 +44,7 @@ def of_vector(kind: str, case: dict[str, Any]) -> Explanation:
     return explain("rtu" if kind == "rtu-frame" else "tcp", bytes.fromhex(case["frame"]), side)
 
 
-@pytest.mark.parametrize(("kind", "case"), vectors())
+@every_case(("kind", "case"), vectors())
 def test_the_verdict_is_that_of_the_vectors(kind: str, case: dict[str, Any]) -> None:
     explanation = of_vector(kind, case)
     assert explanation.valid == LEFT_OPEN.get(case["id"], case["result"] != "invalid"), explanation.verdict
@@ -52,7 +53,7 @@ def test_the_verdict_is_that_of_the_vectors(kind: str, case: dict[str, Any]) -> 
         assert not [field for field in explanation.fields if field.name == "left over"]
 
 
-@pytest.mark.parametrize(("kind", "case"), [case for case in vectors() if case.values[1]["result"] == "invalid"])
+@every_case(("kind", "case"), [case for case in vectors() if case.values[1]["result"] == "invalid"])
 def test_an_invalid_case_has_its_error_at_the_place_of_its_reason(kind: str, case: dict[str, Any]) -> None:
     """The vectors give the reason of a refusal; each reason belongs to one place of the bytes."""
     explanation = of_vector(kind, case)

@@ -3,12 +3,11 @@ always as a violation."""
 
 from __future__ import annotations
 
-import pytest
-
 from barewire.canopen import CanFrame
 from barewire.devices import load
 from barewire_workbench.monitor import CanMonitor, event_line, of_device
 from barewire_workbench.monitor.events import Gap, MonitorEvent, NodeReport, SdoTransferReport, Violation
+from tests.helpers import every_case
 from tests.workbench.monitor.recorded_run import DRIVE, of, recorded
 
 READ = ["605#4000100000000000", "585#4300100091010F00"]
@@ -97,8 +96,8 @@ def events_of(lines: list[str], *, complete: bool = False) -> list[MonitorEvent]
     return events
 
 
-@pytest.mark.parametrize("complete", [False, True])
-@pytest.mark.parametrize("name", PROVED)
+@every_case("complete", [False, True])
+@every_case("name", PROVED)
 def test_what_the_frames_prove_is_a_violation(name: str, complete: bool) -> None:
     rule, lines = PROVED[name]
     found = of(Violation, events_of(lines, complete=complete))
@@ -106,7 +105,7 @@ def test_what_the_frames_prove_is_a_violation(name: str, complete: bool) -> None
     assert all(violation.frame in lines for violation in found)
 
 
-@pytest.mark.parametrize("name", UNLESS_COMPLETE)
+@every_case("name", UNLESS_COMPLETE)
 def test_what_a_missing_frame_explains_is_a_gap_that_names_the_rule(name: str) -> None:
     rule, lines = UNLESS_COMPLETE[name]
     events = events_of(lines)
@@ -115,7 +114,7 @@ def test_what_a_missing_frame_explains_is_a_gap_that_names_the_rule(name: str) -
     assert any(f" or {rule} is broken: " in event_line(gap) for gap in of(Gap, events))
 
 
-@pytest.mark.parametrize("name", UNLESS_COMPLETE)
+@every_case("name", UNLESS_COMPLETE)
 def test_in_a_complete_recording_it_is_a_violation(name: str) -> None:
     rule, lines = UNLESS_COMPLETE[name]
     events = events_of(lines, complete=True)

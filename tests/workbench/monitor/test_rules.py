@@ -6,12 +6,11 @@ import re
 from binascii import crc_hqx
 from pathlib import Path
 
-import pytest
-
 from barewire.canopen import CanFrame
 from barewire.devices import load
 from barewire_workbench.monitor import BUS_RULES, CanMonitor, event_line, of_device
 from barewire_workbench.monitor.events import MonitorEvent, Violation
+from tests.helpers import every_case
 from tests.workbench.monitor.recorded_run import of
 
 PAGE = Path(__file__).parents[3] / "docs" / "how-to" / "can-analysis.md"
@@ -123,7 +122,7 @@ def test_every_rule_has_its_case_and_no_other() -> None:
     assert CASES.keys() == BUS_RULES.keys()
 
 
-@pytest.mark.parametrize("rule", BUS_RULES)
+@every_case("rule", BUS_RULES)
 def test_a_broken_rule_is_found(rule: str) -> None:
     found = broken(CASES[rule][0])
     assert rule in [violation.rule for violation in found], found
@@ -132,7 +131,7 @@ def test_a_broken_rule_is_found(rule: str) -> None:
     assert shown.text
 
 
-@pytest.mark.parametrize("rule", BUS_RULES)
+@every_case("rule", BUS_RULES)
 def test_a_kept_rule_is_not_reported(rule: str) -> None:
     assert [violation for violation in broken(CASES[rule][1]) if violation.rule == rule] == []
 

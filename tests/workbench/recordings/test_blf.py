@@ -10,6 +10,7 @@ import pytest
 from barewire.canopen import ErrorFrame
 from barewire_workbench.recordings.blf import read_blf
 from barewire_workbench.recordings.model import Dropped, Recorded, Unread
+from tests.helpers import every_case
 from tests.workbench.recordings.test_can_text_forms import BEGAN
 
 START = struct.pack("<8H", 2023, 11, 2, 14, 22, 13, 20, 0)  # BEGAN
@@ -50,7 +51,7 @@ def items_of(data: bytes) -> list[str]:
 BEAT = classical(0x705, b"\x05")
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("piece", "expected"),
     [
         (BEAT, ["705#05"]),
@@ -77,7 +78,7 @@ BEAT = classical(0x705, b"\x05")
         (BEAT[:-3], ["Unread"]),
     ],
 )  # fmt: skip
-@pytest.mark.parametrize("packing", [0, 2, None])
+@every_case("packing", [0, 2, None])
 def test_an_object_of_blf_is_read_packed_or_not(piece: bytes, expected: list[str], packing: int | None) -> None:
     """Compressed, not compressed, and outside a container."""
     wrapped = piece if packing is None else container(piece, packing)

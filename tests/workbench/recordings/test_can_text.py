@@ -7,6 +7,7 @@ import pytest
 from barewire.errors import DecodeError
 from barewire_workbench import explain_text
 from barewire_workbench.recordings.candump import parse_any_can, parse_can
+from tests.helpers import every_case
 
 
 @pytest.mark.parametrize(
@@ -43,7 +44,7 @@ def test_remote_short_and_extended_frames_are_read(text: str, frame: str) -> Non
     assert str(parse_can(text)) == frame
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("text", "reason", "at"),
     [
         ("", "short", 0),

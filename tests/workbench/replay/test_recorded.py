@@ -4,8 +4,6 @@ from __future__ import annotations
 
 from typing import Any
 
-import pytest
-
 from barewire.errors import EncodeError
 from barewire.modbus import (
     ExceptionResponse,
@@ -32,7 +30,7 @@ from barewire_workbench.replay.recorded import (
     to_toml,
 )
 from barewire_workbench.sniffer import Sniffer, SnifferEvent
-from tests.helpers import refused
+from tests.helpers import every_case, refused
 
 Heard = tuple[float, int, Message]
 
@@ -209,7 +207,7 @@ answers = [{ pdu = "07 6D" }]
 """
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("old", "new", "text"),
     [
         ("[[unit]]", "[[unit]", "x.toml: not TOML: "),

@@ -6,8 +6,6 @@ from pathlib import Path
 from random import Random
 from typing import Any
 
-import pytest
-
 from barewire.errors import EncodeError
 from barewire.modbus import (
     Delayed,
@@ -34,7 +32,7 @@ from barewire_workbench.recordings.modbus_replay import replay
 from barewire_workbench.replay.recorded import from_toml, learn_line, to_toml
 from barewire_workbench.replay.unit_replay import ReplayedUnit, recorded_units
 from barewire_workbench.sniffer import RequestSeen, ResponseMissing, ResponseSeen
-from tests.helpers import refused
+from tests.helpers import every_case, refused
 
 
 def unit(requests: str, **options: Any) -> ReplayedUnit:
@@ -311,7 +309,7 @@ def random_log(random: Random) -> bytes:
     return "".join(f"{at:.6f} {data.hex(' ')}\n" for at, data in rows).encode()
 
 
-@pytest.mark.parametrize("seed", range(20))
+@every_case("seed", range(20))
 def test_the_same_requests_get_the_same_answers(seed: int) -> None:
     events = list(replay(random_log(Random(seed))))
     line = from_toml(to_toml(learn_line(events), "a log"), "a log")

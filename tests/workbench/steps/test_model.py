@@ -4,8 +4,6 @@ from __future__ import annotations
 
 import json
 
-import pytest
-
 from barewire.canopen import CanFrame
 from barewire_workbench.steps import (
     Steps,
@@ -21,6 +19,7 @@ from barewire_workbench.steps import (
 )
 from barewire_workbench.steps.model import LINE_WIDTH, grouped_bits
 from barewire_workbench.wire import CharacterFormat
+from tests.helpers import every_case
 
 EXAMPLES = [
     crc_steps(bytes.fromhex("010300000002")),
@@ -40,7 +39,7 @@ EXAMPLES = [
 ]
 
 
-@pytest.mark.parametrize("steps", EXAMPLES, ids=repr)
+@every_case("steps", EXAMPLES)
 def test_every_calculation_is_whole(steps: Steps) -> None:
     assert json.loads(json.dumps(steps.as_dict(), allow_nan=True))["subject"] == steps.subject
     assert steps.title

@@ -16,6 +16,7 @@ from barewire.codecs.order import Order
 from barewire.errors import DecodeError, EncodeError
 from barewire_workbench.steps import NUMBER_TYPES, Steps, number_from_bytes_steps, number_steps
 from barewire_workbench.steps.number import ordered, shown_number
+from tests.helpers import every_case
 
 thorough = settings(max_examples=100, deadline=None, derandomize=True, database=None)
 INTEGERS = [name for name in NUMBER_TYPES if name[0] in "ui"]
@@ -79,8 +80,8 @@ def test_an_integer_is_what_the_codec_encodes(name: str, data: st.DataObject) ->
         assert f"in hexadecimal {digits}h." in str(steps.sections[1])
 
 
-@pytest.mark.parametrize("name", ["f32", "f64", "u16", "i32", "u64"])
-@pytest.mark.parametrize("order", ORDERS)
+@every_case("name", ["f32", "f64", "u16", "i32", "u64"])
+@every_case("order", ORDERS)
 def test_the_marked_order_is_the_one_of_the_codec(name: str, order: str) -> None:
     steps = number_steps("1000", name, order)  # type: ignore[arg-type]
     sent = codec(name, order).encode(1000)  # type: ignore[arg-type]
@@ -131,7 +132,7 @@ def test_corners(text: str, name: str, digits: str) -> None:
     assert number_steps(text, name).values["bytes"] == digits
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("text", "name", "message"),
     [
         ("abc", "f32", "expected a number for f32"),

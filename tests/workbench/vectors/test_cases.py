@@ -16,6 +16,7 @@ from barewire_workbench.vectors.answers.table import own_answer
 from barewire_workbench.vectors.files import VectorFile, Vectors, digest, load_vectors
 from barewire_workbench.vectors.questions import DESCRIPTION, Case, Question
 from barewire_workbench.vectors.run import CheckedCase, run_cases
+from tests.helpers import every_case
 from tests.workbench.vectors.loaded import VECTORS
 
 ROOT = Path(__file__).parents[3] / "vectors"
@@ -35,7 +36,7 @@ def checked(file: VectorFile, case: Case) -> CheckedCase:
     return found
 
 
-@pytest.mark.parametrize("file", VECTORS.files, ids=lambda file: file.name)
+@every_case("file", VECTORS.files)
 def test_barewire_passes(file: VectorFile) -> None:
     checks = [(case["id"], checked(file, case).verdict) for case in file.cases]
     assert [(case_id, verdict.text) for case_id, verdict in checks if verdict.state != "passed"] == []
@@ -66,7 +67,7 @@ def is_noticed(file: VectorFile, case: Case) -> bool:
         return True
 
 
-@pytest.mark.parametrize("kind", VECTORS.kinds)
+@every_case("kind", VECTORS.kinds)
 def test_a_change_in_any_field_of_a_kind_is_noticed(kind: str) -> None:
     """A judge that did not compare a field would pass every change of it."""
     cases = [(file, case) for file, case in CASES if file.kind == kind and case["result"] != "invalid"]

@@ -16,6 +16,7 @@ from barewire_workbench.vectors.answers import client
 from barewire_workbench.vectors.answers.client import ClientPeer
 from barewire_workbench.vectors.judge import judge
 from barewire_workbench.vectors.questions import Question
+from tests.helpers import every_case
 from tests.workbench.vectors.loaded import VECTORS
 
 PEER = Path(__file__).parents[3] / "vectors" / "reference" / "modbus" / "client_peer.py"
@@ -53,14 +54,14 @@ class BothPeers(ClientPeer):
         assert self.seen == self.reference.seen
 
 
-@pytest.mark.parametrize("question", QUESTIONS, ids=NAMES)
+@every_case("question", QUESTIONS)
 def test_the_peer_of_the_reference_is_ours(question: Question, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(client, "ClientPeer", BothPeers)
     answer = {"is": client.run_client(question.given)}
     assert judge(question, answer, exact=True).state == "passed"
 
 
-@pytest.mark.parametrize("question", QUESTIONS, ids=NAMES)
+@every_case("question", QUESTIONS)
 def test_a_bus_that_waits_comes_to_accepted_outcomes(question: Question, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr(client, "Bus", partial(Bus, recovery="wait"))
     answer = {"is": client.run_client(question.given)}

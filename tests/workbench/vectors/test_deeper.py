@@ -24,6 +24,7 @@ from barewire.tcp import TcpLine
 from barewire_workbench.vectors.answers.values import octets
 from barewire_workbench.vectors.judge import judge
 from barewire_workbench.vectors.questions import Case, Question
+from tests.helpers import every_case
 from tests.workbench.vectors.loaded import VECTORS
 
 CASES = [(file.kind, case) for file in VECTORS.files for case in file.cases]
@@ -33,7 +34,7 @@ def of(kind: str, result: str) -> list[Any]:
     return [pytest.param(case, id=case["id"]) for one, case in CASES if (one, case["result"]) == (kind, result)]
 
 
-@pytest.mark.parametrize("case", of("pdu", "valid") + of("pdu", "acceptable"))
+@every_case("case", of("pdu", "valid") + of("pdu", "acceptable"))
 def test_a_pdu_is_measured_while_it_arrives(case: Case) -> None:
     """Given the start of a PDU, `measure` asks for more bytes until it has all, never for too many."""
     if "uncountable" in case.get("flags", ()):
@@ -46,13 +47,13 @@ def test_a_pdu_is_measured_while_it_arrives(case: Case) -> None:
     assert wanted == len(pdu)
 
 
-@pytest.mark.parametrize("case", of("crc16", "valid"))
+@every_case("case", of("crc16", "valid"))
 def test_the_table_of_the_crc_is_that_of_the_shift_register(case: Case) -> None:
     data = octets(case["bytes"])
     assert crc16(data) == crc16_bit_by_bit(data)
 
 
-@pytest.mark.parametrize("case", of("rtu-frame", "valid"))
+@every_case("case", of("rtu-frame", "valid"))
 def test_a_frame_is_uncountable_if_its_flag_says_so_and_a_strict_line_takes_it(case: Case) -> None:
     frame, pdu = octets(case["frame"]), octets(case["pdu"])
     measure: Callable[[bytes], int | None] = measure_response if case["side"] == "response" else measure_request
@@ -62,13 +63,13 @@ def test_a_frame_is_uncountable_if_its_flag_says_so_and_a_strict_line_takes_it(c
     assert [(event.unit, event.pdu) for event in events if not isinstance(event, Noise)] == [(case["unit"], pdu)]
 
 
-@pytest.mark.parametrize("case", of("rtu-frame", "invalid"))
+@every_case("case", of("rtu-frame", "invalid"))
 def test_a_line_reports_a_broken_frame_with_its_reason(case: Case) -> None:
     if case["fails"] == "decode":
         assert noise_of(RtuLine(Timing.of(19200), patience=None), octets(case["frame"]))[:1] in ([], [case["reason"]])
 
 
-@pytest.mark.parametrize("case", of("tcp-frame", "invalid"))
+@every_case("case", of("tcp-frame", "invalid"))
 def test_a_stream_reports_a_broken_header_with_its_reason(case: Case) -> None:
     if case["fails"] == "decode" and case["reason"] in ("protocol", "length"):
         assert noise_of(TcpLine(), octets(case["frame"])) == [case["reason"]]
@@ -82,7 +83,7 @@ def noise_of(line: Line, data: bytes) -> list[str]:
     return noise
 
 
-@pytest.mark.parametrize("case", of("rtu-talk", "valid"))
+@every_case("case", of("rtu-talk", "valid"))
 def test_a_valid_talk_holds_for_a_receiver_of_silence_and_crc(case: Case) -> None:
     setup = case["line"]
     timing = Timing.of(setup["baud"], setup["bits"])

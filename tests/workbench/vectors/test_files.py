@@ -9,10 +9,10 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
-import pytest
 
 from barewire.errors import REASONS
 from barewire_workbench.vectors.answers.table import ANSWERS
+from tests.helpers import every_case
 from tools import vectors
 
 ROOT = Path(__file__).parents[3]
@@ -37,7 +37,7 @@ def test_the_schema_is_a_valid_json_schema() -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 
 
-@pytest.mark.parametrize("file", FILES, ids=named)
+@every_case("file", FILES)
 def test_a_file_follows_the_schema_and_the_rules(file: Path) -> None:
     document = DOCUMENTS[file]
     wrong = [f"{error.json_path}: {error.message}" for error in validator.iter_errors(document)]
@@ -95,7 +95,7 @@ HALVES: dict[str, list[tuple[str, ...]]] = {
 """By kind: the fields that are one half of a comparison."""
 
 
-@pytest.mark.parametrize("file", FILES, ids=named)
+@every_case("file", FILES)
 def test_a_wrong_pair_shares_one_half_with_a_valid_case(file: Path) -> None:
     """A pair that does not match proves little alone: any typing error makes one. So one half of it is in a valid case
     of the same file, with the matching other half."""
@@ -115,7 +115,7 @@ def test_every_file_is_in_the_table() -> None:
     assert sorted(vectors.files()) == FILES
 
 
-@pytest.mark.parametrize("file", FILES, ids=named)
+@every_case("file", FILES)
 def test_a_file_is_formatted(file: Path) -> None:
     text = file.read_text(encoding="utf-8")
     assert vectors.form(DOCUMENTS[file]) == text, "run python tools/vectors.py"
@@ -125,7 +125,7 @@ def test_the_index_is_up_to_date() -> None:
     assert vectors.index() == (VECTORS / "index.json").read_text(encoding="utf-8"), "run python tools/vectors.py"
 
 
-@pytest.mark.parametrize("name", vectors.tables())
+@every_case("name", vectors.tables())
 def test_the_tables_of_a_page_are_up_to_date(name: str) -> None:
     page = (VECTORS / name).read_text(encoding="utf-8")
     assert vectors.with_tables(page, vectors.tables()[name]) == page, "run python tools/vectors.py"

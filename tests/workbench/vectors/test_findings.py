@@ -7,6 +7,7 @@ from pathlib import Path
 
 import pytest
 
+from tests.helpers import every_case
 from tests.workbench.vectors.loaded import VECTORS
 from tools import findings
 from tools.findings import Finding
@@ -17,7 +18,7 @@ ALL = findings.all_of(BOARD)
 SHOWING = {one.name: one for one in PEERS if one.name in ALL}
 
 
-@pytest.mark.parametrize("name", SHOWING)
+@every_case("name", SHOWING)
 def test_each_case_that_fails_has_one_finding_and_nothing_else_has(name: str) -> None:
     assert findings.problems(name, ALL[name][1], BOARD[name]["failed"]) == [], "write them into its findings.toml"
     assert {*BOARD[name]["shown"]} == findings.shown_cases(SHOWING[name]), f"run make scoreboard ARGS={name}"

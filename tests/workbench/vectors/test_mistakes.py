@@ -7,6 +7,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from tests.helpers import every_case
 from tests.workbench.vectors.loaded import VECTORS
 from tools import vectors_mistakes, vectors_mutants
 from tools.peers import PEERS, ROOT
@@ -126,7 +127,7 @@ MISTAKES = {
 }
 
 
-@pytest.mark.parametrize("name", MISTAKES)
+@every_case("name", MISTAKES)
 def test_a_case_notices_the_mistake(name: str) -> None:
     mistake = MISTAKES[name]
     assert TEXTS[mistake.file].count(mistake.before) >= 1, "the reference has changed: change the mistake with it"

@@ -17,6 +17,7 @@ from barewire_workbench.live.vector_adapter import VectorAdapter
 from barewire_workbench.vectors.judge import _UNORDERED, judge
 from barewire_workbench.vectors.questions import DESCRIPTION, Question
 from barewire_workbench.vectors.run import run_cases, selected
+from tests.helpers import every_case
 from tests.workbench.vectors.loaded import VECTORS
 from tools.vectors_release import questions
 
@@ -166,7 +167,7 @@ def test_the_kinds_whose_frames_come_in_any_order_are_named() -> None:
 # The fields -------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("kind", VECTORS.kinds)
+@every_case("kind", VECTORS.kinds)
 def test_every_field_of_a_kind_has_its_row(kind: str) -> None:
     fields = {name for file in VECTORS.files if file.kind == kind for case in file.cases for name in case}
     for operation in VECTORS.kinds[kind]:
@@ -184,7 +185,7 @@ def test_the_first_page_fits_on_a_screen() -> None:
     assert len((PAGES / "README.md").read_text(encoding="utf-8").splitlines()) <= 80
 
 
-@pytest.mark.parametrize("file", sorted((PAGES / "judge").glob("*/*")), ids=lambda file: file.name)
+@every_case("file", sorted((PAGES / "judge").glob("*/*")))
 def test_a_file_of_a_judge_is_short(file: Path) -> None:
     """As PROTOCOL.md says of what judges; readers of JSON and what fills a case are longer."""
     if file.is_file() and not file.name.startswith(("json.", "fill.")):

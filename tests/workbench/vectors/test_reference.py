@@ -6,10 +6,9 @@ import ast
 import json
 import sys
 
-import pytest
-
 from barewire_workbench.live.vector_adapter import VectorAdapter
 from barewire_workbench.vectors.run import run_cases, selected
+from tests.helpers import every_case
 from tests.workbench.vectors.loaded import VECTORS
 from tools import vectors, vectors_mutants
 from tools.vectors_changes import mutants
@@ -20,12 +19,12 @@ NUMBERS = json.loads(vectors_mutants.NUMBERS.read_text(encoding="utf-8"))
 REFERENCE = vectors_mutants.Reference(vectors_mutants.compiled(TEXTS))
 
 
-@pytest.mark.parametrize("kind", REFERENCE.module("main").KINDS)
+@every_case("kind", REFERENCE.module("main").KINDS)
 def test_the_reference_passes_every_case(kind: str) -> None:
     assert vectors_mutants.first_failure(REFERENCE, ASKED[kind]) == ""
 
 
-@pytest.mark.parametrize("name", TEXTS)
+@every_case("name", TEXTS)
 def test_a_file_uses_the_standard_library_and_its_neighbours_alone(name: str) -> None:
     tree = ast.parse(TEXTS[name])
     imported = {node.module or "" for node in ast.walk(tree) if isinstance(node, ast.ImportFrom)}

@@ -8,6 +8,7 @@ import pytest
 
 from barewire.devices.sim.csd_mt.environment import Span
 from tests.devices.sim.bench import HOMING, CsdBench
+from tests.helpers import every_case
 
 SWITCH = Span(30_000.0, 31_000.0)
 INDEX = 700.0
@@ -48,8 +49,8 @@ LAST_DIRECTION = {19: -1, 20: 1, 21: 1, 22: -1}
 STARTS = {19: 0.0, 20: 0.0, 21: 60_000.0, 22: 60_000.0}
 
 
-@pytest.mark.parametrize("method", [3, 4, 5, 6, 19, 20, 21, 22])
-@pytest.mark.parametrize("in_the_switch", [False, True])
+@every_case("method", [3, 4, 5, 6, 19, 20, 21, 22])
+@every_case("in_the_switch", [False, True])
 def test_a_search_ends_at_its_edge(method: int, in_the_switch: bool) -> None:
     as_switch = method if method > 6 else method + 16
     bench = ready(30_500.0 if in_the_switch else STARTS[as_switch], method)

@@ -17,6 +17,7 @@ from barewire_workbench.conform.canopen.probe import probe, second_answer
 from barewire_workbench.eds.export import export
 from barewire_workbench.live.canopen_conformance import case_names, cases
 from barewire_workbench.vectors.answers.device_conformance import plain_device
+from tests.helpers import every_case
 from tests.workbench.conform.canopen.devices import (
     ADDRESS,
     LARGE,
@@ -45,9 +46,7 @@ DEVIATIONS = {
 }
 
 
-@pytest.mark.parametrize(
-    "case", [case for case in AZ3 if not case.lacks and case.effect != "power"], ids=lambda case: case.name
-)
+@every_case("case", [case for case in AZ3 if not case.lacks and case.effect != "power"])
 def test_the_simulated_drive(case: NodeCase) -> None:
     outcome = run_after_reset(bus_with(az3()), AZ3_SUBJECT, case)
     assert (outcome.failure is not None) == (case.name in DEVIATIONS), outcome.failure

@@ -13,6 +13,7 @@ from barewire.canopen.eds import EdsItem, EdsObject
 from barewire_workbench.conform.canopen.probe import probe
 from barewire_workbench.live.canopen_conformance import case_names, cases
 from tests.canopen.virtual_bus import VirtualBus
+from tests.helpers import every_case
 from tests.workbench.conform.canopen.described import MORE, OBJECTS, described_with, device
 from tests.workbench.conform.canopen.devices import NODE, bus_with, failures, run_after_reset
 
@@ -60,7 +61,7 @@ def changed(place: tuple[int, int], **changes: object) -> Entry:
 SPEED = (0x2000, 0)
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("node", "found"),
     [
         (device(changed(SPEED, type="u32")), {"OD-READ-2000:00"}),

@@ -10,6 +10,7 @@ from barewire.errors import EncodeError
 from barewire_workbench.conform.canopen.model import NodeStep, Subject
 from barewire_workbench.conform.canopen.script import Placeholders, applies, read_node_case
 from barewire_workbench.live.canopen_conformance import FILES, NODE_KIND, cases
+from tests.helpers import every_case
 from tests.workbench.vectors.loaded import VECTORS
 
 VALUES = {
@@ -35,7 +36,7 @@ def sent(*rows: dict[str, Any]) -> list[str]:
     return [frame for step in steps(*rows) for frame in step.sends]
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("text", "filled"),
     [
         ("<580+node>#..", "585#.."),

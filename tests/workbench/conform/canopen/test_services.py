@@ -13,8 +13,6 @@ from __future__ import annotations
 
 import re
 
-import pytest
-
 from barewire.canopen import (
     CanFrame,
     Entry,
@@ -25,6 +23,7 @@ from barewire.canopen import (
     PdoConfig,
     standard_objects,
 )
+from tests.helpers import every_case
 
 OK = "585#60.............."
 READ, VALUE = "605#4000100000000000", "585#4300100000000000"
@@ -163,7 +162,7 @@ def fits(answers: str, received: list[str]) -> bool:
     return all(any(re.fullmatch(form, text) for form in answer.split("|")) for answer, text in zip(wanted, received))
 
 
-@pytest.mark.parametrize("script", CASES.values(), ids=CASES)
+@every_case("script", CASES.values())
 def test_exchange(script: str) -> None:
     node, now = device(), 0.0
     for line in script.split(";"):

@@ -7,7 +7,7 @@ import pytest
 from barewire.errors import DecodeError
 from barewire_workbench.recordings.modbus_log import LoggedBytes, read_modbus_log
 from barewire_workbench.recordings.model import Unread
-from tests.helpers import refused
+from tests.helpers import every_case, refused
 from tests.workbench.recordings.modbus_log.test_programs import REFUSED, lines_of
 
 ASKED, ANSWERED = "01 03 00 05 00 02 D4 0A", "01 03 04 00 0B 00 16 0A 3F"
@@ -18,7 +18,7 @@ def dashed(text: str) -> str:
     return text.replace(" ", "-")
 
 
-@pytest.mark.parametrize(
+@every_case(
     ("asked", "answered"),
     [
         ("[2024-05-01 10:31:18] Send: {}", "[2024-05-01 10:31:18] Recv: {}"),
@@ -42,7 +42,7 @@ def dashed(text: str) -> str:
         ("[10:31:18][D][uart_debug:114]: >>> {}", "[10:31:18][D][uart_debug:114]: <<< {}"),  # ESPHome
     ],
 )  # fmt: skip
-@pytest.mark.parametrize(
+@every_case(
     "notation",
     [
         str,
@@ -174,7 +174,7 @@ DONE_1 = REFUSED.replace("FFFFh", "0005h")
 ERROR = "2025-10-23 16:49:37.254 ERROR (MainThread) [pymodbus.logging] No response received after 3 retries, continue"
 
 
-@pytest.mark.parametrize(
+@every_case(
     "line",
     [
         f">>>>> send: {SENT} >>>>> recv: {RECEIVED} extra data: ",
@@ -190,7 +190,7 @@ ERROR = "2025-10-23 16:49:37.254 ERROR (MainThread) [pymodbus.logging] No respon
         f"request {ASKED} (8 bytes), response {REFUSED_1} (5 bytes)",
     ],
 )
-@pytest.mark.parametrize("times", [1, 2])
+@every_case("times", [1, 2])
 def test_an_exchange_on_one_line(line: str, times: int) -> None:
     assert lines_of("\n".join([line] * times).encode()) == [DONE_1] * times
 
@@ -247,8 +247,8 @@ def read(text: str) -> list[bytes]:
     return [item.data for item in read_modbus_log(text.encode()).items if isinstance(item, LoggedBytes)]
 
 
-@pytest.mark.parametrize("remark", REMARKS)
-@pytest.mark.parametrize("form", ["{0} {2}\n{1}   {2}\n", "Tx: {0}  {2}\nRx: {1} {2}\n", "1.0 {0} {2}\n1.1 {1} {2}\n"])
+@every_case("remark", REMARKS)
+@every_case("form", ["{0} {2}\n{1}   {2}\n", "Tx: {0}  {2}\nRx: {1} {2}\n", "1.0 {0} {2}\n1.1 {1} {2}\n"])
 def test_a_remark_behind_the_bytes_is_none_of_them(form: str, remark: str) -> None:
     assert lines_of(form.format(ASKED, ANSWERED, remark).encode()) == DONE
 

@@ -16,7 +16,7 @@ from barewire_workbench.recordings.modbus_log.model import FormContent
 from barewire_workbench.recordings.modbus_replay import replay, replay_parts
 from barewire_workbench.recordings.model import Unread
 from barewire_workbench.recordings.source import LINE_MAX, RecordingSource
-from tests.helpers import unhex
+from tests.helpers import every_case, unhex
 from tests.workbench.recordings.modbus_log.test_programs import SAMPLES
 from tests.workbench.recordings.test_modbus_recordings import dump_of
 
@@ -36,8 +36,8 @@ def octal(data: bytes) -> str:
     return "".join(f"\\{byte:o}" for byte in data)
 
 
-@pytest.mark.parametrize("size", [17, 50, 333, 2000])
-@pytest.mark.parametrize("path", sorted(SAMPLES.iterdir()), ids=lambda path: path.name)
+@every_case("size", [17, 50, 333, 2000])
+@every_case("path", sorted(SAMPLES.iterdir()))
 def test_the_parts_of_a_log_are_the_whole(path: Path, size: int) -> None:
     data = path.read_bytes()
     try:
@@ -50,7 +50,7 @@ def test_the_parts_of_a_log_are_the_whole(path: Path, size: int) -> None:
     assert list(chain.from_iterable(part.items for part in parts)) == list(whole.items)
 
 
-@pytest.mark.parametrize(
+@every_case(
     "form",
     [
         lambda at, asked, data: f"{at:.3f} {data.hex(' ')}\n",
@@ -62,9 +62,8 @@ def test_the_parts_of_a_log_are_the_whole(path: Path, size: int) -> None:
         ),
         lambda at, asked, data: f"10:31:{at:06.3f} {'TX' if asked else 'RX'}: {', '.join(map(str, data))}\n",
     ],
-    ids=["times", "bytes", "prefix", "continued", "strace", "decimal"],
 )
-@pytest.mark.parametrize("size", [30, 111, 1000])
+@every_case("size", [30, 111, 1000])
 def test_each_entry_is_read_when_it_is_there(size: int, form: object) -> None:
     assert callable(form)
     data = "".join(form(at / 4, at % 2 == 0, REFUSED if at % 2 else READ) for at in range(100)).encode()

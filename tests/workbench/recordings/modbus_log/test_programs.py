@@ -12,6 +12,7 @@ from barewire_workbench.frames.modbus_exchanges import Exchanges
 from barewire_workbench.recordings.modbus_log import LoggedBytes, read_modbus_log
 from barewire_workbench.recordings.modbus_replay import replay_log
 from barewire_workbench.recordings.model import Unread
+from tests.helpers import every_case
 
 SAMPLES = Path(__file__).parent / "samples"
 
@@ -55,7 +56,7 @@ def test_the_log_of_a_program(name: str, form: str, protocol: str, lines: list[s
     assert lines_of(data) == lines
 
 
-@pytest.mark.parametrize("name", sorted(path.name for path in SAMPLES.iterdir() if "without" not in path.name))
+@every_case("name", sorted(path.name for path in SAMPLES.iterdir() if "without" not in path.name))
 def test_each_line_is_an_item_or_known(name: str) -> None:
     """No line is dropped in silence: what is no traffic is known chatter of the program, or an `Unread`."""
     data = (SAMPLES / name).read_bytes()
