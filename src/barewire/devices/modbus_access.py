@@ -204,7 +204,7 @@ def plan_writes(device: Device, parameters: Sequence[Parameter]) -> list[Planned
     """
     writes: list[PlannedWrite] = []
     for parameter in parameters:
-        write = _plan_one(device, parameter)
+        write = _plan_write(device, parameter)
         settings = _modbus_address(device, parameter)[1]
         joined = _join(writes[-1], write, settings) if writes else None
         if joined is None:
@@ -214,7 +214,7 @@ def plan_writes(device: Device, parameters: Sequence[Parameter]) -> list[Planned
     return writes
 
 
-def _plan_one(device: Device, parameter: Parameter) -> PlannedWrite:
+def _plan_write(device: Device, parameter: Parameter) -> PlannedWrite:
     place, settings = _modbus_address(device, parameter)
     functions = settings.write_functions.get(place.table, ())
     if not functions:
@@ -255,11 +255,12 @@ def _join(before: PlannedWrite, write: PlannedWrite, settings: ModbusSettings) -
     are_adjacent = before.address + before.quantity == write.address
     if not are_adjacent or 16 not in settings.write_functions["holding"] or quantity > settings.write_limit:
         return None
-    moved = tuple(Member(member.parameter, member.offset + before.quantity) for member in write.members)
-    return PlannedWrite("holding", before.address, quantity, before.members + moved, 16)
+    following = tuple(Member(member.parameter, member.offset + before.quantity) for member in write.members)
+    return PlannedWrite("holding", before.address, quantity, before.members + following, 16)
 
 
 BlockDecoder: TypeAlias = Callable[[Sequence[int]], list[Value]]
+_Conversion: TypeAlias = Callable[[Any], Value]
 
 _LETTERS = {"u8": "B", "u16": "H", "u32": "I", "u64": "Q", "i8": "b", "i16": "h", "i32": "i", "i64": "q"}
 _LETTERS |= {"f32": "f", "f64": "d", "bool": "H"}
@@ -280,36 +281,36 @@ def block_decoder(block: PlannedRead) -> BlockDecoder:
     if block.table in ("coil", "discrete"):
         offsets = [offset for _, offset in block.members]
         return lambda content: [bool(content[offset]) for offset in offsets]
-    letters, picked = ">", []
-    rules: list[tuple[int, Callable[[Any], Value]]] = []
-    for number, (parameter, offset) in enumerate(block.members):
-        letter, positions, rule = _member_format(parameter, 2 * offset)
-        letters += letter
-        picked += positions
-        if rule is not None:
-            rules.append((number, rule))
+    format, positions = ">", []
+    conversions: list[tuple[int, _Conversion]] = []
+    for index, (parameter, offset) in enumerate(block.members):
+        letter, positions_of_member, conversion = _member_format(parameter, 2 * offset)
+        format += letter
+        positions += positions_of_member
+        if conversion is not None:
+            conversions.append((index, conversion))
     registers = struct.Struct(f">{block.quantity}H")
-    if picked == list(range(registers.size)):
-        values = struct.Struct(letters)
-        return _with_rules(lambda content: values.unpack(registers.pack(*content)), rules)
-    values = struct.Struct(letters + "x")  # one byte more, since itemgetter returns a tuple for two at least
-    pick = itemgetter(*picked, 0)
-    return _with_rules(lambda content: values.unpack(bytes(pick(registers.pack(*content)))), rules)
+    if positions == list(range(registers.size)):
+        values = struct.Struct(format)
+        return _with_conversions(lambda content: values.unpack(registers.pack(*content)), conversions)
+    values = struct.Struct(format + "x")  # one byte more, since itemgetter returns a tuple for two at least
+    pick = itemgetter(*positions, 0)
+    return _with_conversions(lambda content: values.unpack(bytes(pick(registers.pack(*content)))), conversions)
 
 
-def _with_rules(
-    unpack: Callable[[Sequence[int]], tuple[Any, ...]], rules: list[tuple[int, Callable[[Any], Value]]]
+def _with_conversions(
+    unpack: Callable[[Sequence[int]], tuple[Any, ...]], conversions: list[tuple[int, _Conversion]]
 ) -> BlockDecoder:
     def decode(content: Sequence[int]) -> list[Value]:
         values = list(unpack(content))
-        for number, rule in rules:
-            values[number] = rule(values[number])
+        for index, conversion in conversions:
+            values[index] = conversion(values[index])
         return values
 
     return decode
 
 
-def _member_format(parameter: Parameter, start: int) -> tuple[str, list[int], Callable[[Any], Value] | None]:
+def _member_format(parameter: Parameter, start: int) -> tuple[str, list[int], _Conversion | None]:
     """Return the letter of `struct`, the positions of the bytes with the most significant first, and the function from
     the number to the value (None: the number is the value)."""
     place = parameter.modbus
@@ -319,7 +320,8 @@ def _member_format(parameter: Parameter, start: int) -> tuple[str, list[int], Ca
         bit = place.bit
         return "H", positions, lambda register: get_bit(register, bit)
     if place.half is not None:
-        return _LETTERS[parameter.type], [positions[place.half == "L"]], _scaling(parameter)
+        high, low = positions
+        return _LETTERS[parameter.type], [high if place.half == "H" else low], _scaling(parameter)
     letter = _IN_REGISTER.get(parameter.type) or _LETTERS.get(parameter.type, "")
     if not letter or struct.calcsize(f">{letter}") != len(positions):  # text
         return f"{len(positions)}s", positions, lambda data: parameter.from_registers(to_registers(data))
@@ -327,7 +329,7 @@ def _member_format(parameter: Parameter, start: int) -> tuple[str, list[int], Ca
     return letter, [start + position for position in in_order], _scaling(parameter)
 
 
-def _scaling(parameter: Parameter) -> Callable[[Any], Value] | None:
+def _scaling(parameter: Parameter) -> _Conversion | None:
     """Return `Parameter.from_raw` as a prepared function; None if it changes nothing."""
     if parameter.type == "bool":
         return bool
@@ -361,7 +363,7 @@ class ReadPlan(NamedTuple):
     decoders: list[BlockDecoder]
     parameters: list[Parameter]
     """The parameter of each name."""
-    numbers: list[int]
+    indices: list[int]
     """For each name the index of its value among the values of all responses."""
 
     def readings(self, responses: Iterable[Any]) -> list[Reading]:
@@ -369,7 +371,8 @@ class ReadPlan(NamedTuple):
         values: list[Value] = []
         for request, decode, response in zip(self.requests, self.decoders, responses):
             values += decode(response.bits if request.function_code <= 2 else response.registers)
-        return list(map(Reading, self.parameters, map(values.__getitem__, self.numbers)))
+        # Two maps are faster than a comprehension, and a program that polls does this for every value.
+        return list(map(Reading, self.parameters, map(values.__getitem__, self.indices)))
 
 
 def read_plan(device: Device, names: tuple[NameOrParameter, ...]) -> ReadPlan:
@@ -379,13 +382,13 @@ def read_plan(device: Device, names: tuple[NameOrParameter, ...]) -> ReadPlan:
         parameters = to_read(device, names)
         blocks = plan_reads(device, parameters)
         names_read = [member.parameter.name for block in blocks for member in block.members]
-        numbers = {name: number for number, name in enumerate(names_read)}
+        index_of = {name: index for index, name in enumerate(names_read)}
         plan = ReadPlan(
             [_READS[block.function](block.address, block.quantity) for block in blocks],
             [reading_note(block.parameters) for block in blocks],
             [block_decoder(block) for block in blocks],
             parameters,
-            [numbers[parameter.name] for parameter in parameters],
+            [index_of[parameter.name] for parameter in parameters],
         )
         if len(device.read_plans) >= _PLANS_MAX:
             device.read_plans.clear()  # rare, and cheaper than an order of use, which each read would have to keep
@@ -428,8 +431,8 @@ def write_modbus(
     pairs = to_write(device, values, force)
     writes = plan_writes(device, [parameter for parameter, _ in pairs])
     for parameter, value in pairs:
-        # Encoded once before anything is sent, so that no value is refused after others were written. [0] stands for
-        # the register that a part of one will be written into.
+        # Encoded once before anything is sent, so that no value is refused after others were written. What else is in
+        # the register of half a register, here 0, makes no difference.
         _registers(parameter, value, [0])
     return _write_modbus(bus, unit, writes, pairs, timeout)
 
@@ -453,7 +456,7 @@ def _write_modbus(
     remaining = iter(pairs)
     done: list[str] = []
     for write in writes:
-        with writing(write.parameters, done), _at(unit, write.address):
+        with writing(write.parameters, done), _naming_place(unit, write.address):
             content: tuple[int, ...] = ()
             if write.keep:
                 response = yield from bus.ask(unit, _READS[write.read_function](write.address, 1), timeout=timeout)
@@ -467,8 +470,8 @@ def _write_modbus(
 
 
 @contextmanager
-def _at(unit: int, address: int) -> Iterator[None]:
-    """Add the place to an exception response."""
+def _naming_place(unit: int, address: int) -> Iterator[None]:
+    """Add the unit and the address to an exception response."""
     try:
         yield
     except ModbusException as error:

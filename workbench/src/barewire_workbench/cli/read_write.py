@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -115,44 +115,25 @@ def read_command(
     described = device_with(device, endpoint=endpoint)
     names = expanded(names, described)
     description = device_with(described, [name for name in names if not is_pattern(name)])
-    apart = read_alone(description)
-    readable = readable_names(description, endpoint)
-    configured = wanted_values(description)
     # An unknown name is reported before a port is opened.
-    wanted = selected(description, readable, names, groups=groups, access=access)
-    by_name = {description.find(name).name for name in names if not is_pattern(name)}
-    left_out = [name for name in wanted if name in apart and name not in by_name]
-    wanted = [name for name in wanted if name not in left_out]
-    if left_out:
-        reasons = ", ".join(f"{shown(name)} ({apart[name]})" for name in left_out)
-        note(f"left out, each is read by its name: {reasons}")
+    wanted = _names_to_read(description, endpoint, names, groups, access)
     if not wanted:
         raise click.UsageError(f"{device} has no such value that can be read over {endpoint.partition(':')[0]}")
     if timing:
         print_timing(endpoint, description)
+    configured = wanted_values(description)
     columns = (*COLUMNS, "configuration") if configured else COLUMNS
     table = csv.DictWriter(sys.stdout, columns, restval="", lineterminator="\n") if as_csv else None
     failed = 0
     with connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
         check_machine(machine, no_check)
-        if len(wanted) == 1 and not (as_csv or everything or groups):
-            parameter = description.find(wanted[0])
-            try:
-                reading = machine.read(wanted[0])  # one value: its error is that of the command
-            except ModbusException as error:
-                if hint := _hint(parameter):
-                    error.add_context(hint)
-                raise
-            value = ReadValue(reading.parameter, reading, configured=configured.get(reading.name))
-            output.show(value, value.as_dict)
-            return
+        is_one = len(wanted) == 1 and not (as_csv or everything or groups)
+        values = [_read_one(machine, wanted[0])] if is_one else _read_several(machine, wanted)
         if table is not None:
             table.writeheader()
-        for value in read_values(machine, wanted):
+        for value in values:
             value = value._replace(configured=configured.get(value.parameter.name))
             failed += value.reading is None
-            if value.reading is None and (hint := _hint(value.parameter)):
-                value = value._replace(problem=f"{value.problem}; {hint}")
             if table is not None:
                 table.writerow(value.as_dict())
             else:
@@ -160,6 +141,37 @@ def read_command(
     if failed:
         note(f"{failed} of {len(wanted)} values were not read")
         context.exit(1)
+
+
+def _names_to_read(
+    device: Device, endpoint: str, names: Sequence[str], groups: Sequence[str], access: str | None
+) -> list[str]:
+    """Return the names that a call asks for. Note those that only their own names read, and leave them out."""
+    selection = selected(device, readable_names(device, endpoint), names, groups=groups, access=access)
+    alone = read_alone(device)
+    by_name = {device.find(name).name for name in names if not is_pattern(name)}
+    left_out = [name for name in selection if name in alone and name not in by_name]
+    if left_out:
+        reasons = ", ".join(f"{shown(name)} ({alone[name]})" for name in left_out)
+        note(f"left out, each is read by its name: {reasons}")
+    return [name for name in selection if name not in left_out]
+
+
+def _read_one(machine: MachineClient, name: str) -> ReadValue:
+    """Read one value, whose error is that of the command."""
+    try:
+        reading = machine.read(name)
+    except ModbusException as error:
+        if hint := _hint(machine.device.find(name)):
+            error.add_context(hint)
+        raise
+    return ReadValue(reading.parameter, reading)
+
+
+def _read_several(machine: MachineClient, names: Sequence[str]) -> Iterator[ReadValue]:
+    for value in read_values(machine, names):
+        hint = _hint(value.parameter) if value.reading is None else ""
+        yield value._replace(problem=f"{value.problem}; {hint}") if hint else value
 
 
 @click.command("write")
@@ -217,7 +229,8 @@ def write_command(
     wanted = [_parsed(description.find(name), value) for name, value in given]
     for name, value in wanted:
         # Every value is checked before the first is sent: half of a sequence may start a motor.
-        ((parameter, _),) = to_write(description, {name: value}, force)
+        to_write(description, {name: value}, force)
+        parameter = description.find(name)
         if verify and not (parameter.readable and parameter.answered):
             why = "it cannot be read" if not parameter.readable else "the device does not answer it"
             raise click.UsageError(f"--verify: {parameter.name}: {why}")
@@ -306,16 +319,16 @@ def _how_written(parameter: Parameter, endpoint: str) -> str:
 
 
 def _part(parameter: Parameter, endpoint: str) -> str:
-    """Return of what the value is only a part: "register" or "object"; empty if of nothing."""
+    """Return of what the value is only a part: "register" or "object"; empty if it is a whole one."""
     if endpoint.startswith("can:"):
         return "object" if parameter.object is not None and parameter.object.bit is not None else ""
     return "register" if parameter.modbus is not None and parameter.modbus.partial else ""
 
 
 def _read_back(machine: MachineClient, written: Reading, endpoint: str) -> tuple[bool, str]:
-    """Return whether the device has what was written, compared as raw numbers, and a text if it has not: it may keep
-    its own value and report no error."""
-    parameter = replace(written.parameter, minimum=None, maximum=None)  # what it has may be out of the range
+    """Return whether the device has what was written, and a text if it has not: a device may keep its own value and
+    report no error. Raw numbers are compared, since its value may be out of the range."""
+    parameter = replace(written.parameter, minimum=None, maximum=None)
     if not parameter.readable or not parameter.answered:
         return True, ""
     try:

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 from collections.abc import Iterator, Mapping, Sequence
 from fnmatch import fnmatchcase
+from itertools import chain
 from typing import NamedTuple
 
 from barewire.codecs import Value
@@ -21,11 +22,12 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.machine import MachineClient
 from barewire_workbench.value_log.sample import plain_value
 
-_TOGETHER = 64
+_BLOCK = 64
 """Values that are asked for in one call, so that the first appear while the others are read."""
-
-_FIRST, _SILENT = 3, 8
-"""Values that are asked for one by one at the beginning; and later, values in a row without an answer that end it."""
+_ALONE = 3
+"""Values that are asked for one by one at the beginning: if none of them is answered, the machine is off."""
+_UNANSWERED = 8
+"""Later, values in a row without an answer after which the rest is not asked for. Of so few all are asked for."""
 
 COLUMNS = ("name", "value", "unit", "text", "error")
 """The keys of `ReadValue.as_dict`; a value that was read has no error."""
@@ -47,10 +49,15 @@ class ReadValue(NamedTuple):
 
     def as_dict(self) -> dict[str, object]:
         """The value, for JSON and CSV."""
-        parameter, value = self.parameter, None if self.reading is None else self.reading.value
-        fields: dict[str, object] = {"name": parameter.name, "value": plain_value(value), "unit": parameter.unit}
-        fields |= {"text": "", "error": self.problem} if value is None else {"text": parameter.text(value)}
-        return fields if self.configured is None else fields | {"configuration": plain_value(self.configured)}
+        parameter = self.parameter
+        fields: dict[str, object] = {"name": parameter.name, "value": None, "unit": parameter.unit, "text": ""}
+        if self.reading is None:
+            fields["error"] = self.problem
+        else:
+            fields |= {"value": plain_value(self.reading.value), "text": parameter.text(self.reading.value)}
+        if self.configured is not None:
+            fields["configuration"] = plain_value(self.configured)
+        return fields
 
 
 def read_values(machine: MachineClient, names: Sequence[str]) -> Iterator[ReadValue]:
@@ -64,11 +71,11 @@ def read_values(machine: MachineClient, names: Sequence[str]) -> Iterator[ReadVa
     ['Current Ratio = 70 %', 'Homing Method = 0']
     """
     parameters = [machine.device.find(name) for name in names]
-    first = _FIRST if len(parameters) > _SILENT else 0
-    blocks = [parameters[place : place + 1] for place in range(first)]
-    blocks += [parameters[start : start + _TOGETHER] for start in range(first, len(parameters), _TOGETHER)]
-    blocks.reverse()
-    silent, patience = 0, _FIRST
+    alone = _ALONE if len(parameters) > _UNANSWERED else 0
+    blocks = [[parameter] for parameter in parameters[:alone]]
+    blocks += [parameters[start : start + _BLOCK] for start in range(alone, len(parameters), _BLOCK)]
+    blocks.reverse()  # a stack, on which the halves of a block lie above what follows it
+    unanswered, limit = 0, _ALONE
     while blocks:
         block = blocks.pop()
         try:
@@ -78,16 +85,15 @@ def read_values(machine: MachineClient, names: Sequence[str]) -> Iterator[ReadVa
                 half = len(block) // 2
                 blocks += [block[half:], block[:half]]
                 continue
-            # The names of what was being read are in the row.
-            problem = str(error).partition("; while reading ")[0]
+            problem = str(error).partition("; while reading ")[0]  # the row has the name already
             yield ReadValue(block[0], None, problem)
-            silent = silent + 1 if isinstance(error, NoAnswer) else 0
-            if silent == patience:
-                rest = [parameter for left in reversed(blocks) for parameter in left]
-                yield from (ReadValue(parameter, None, f"not asked for: {problem}") for parameter in rest)
+            unanswered = unanswered + 1 if isinstance(error, NoAnswer) else 0
+            if unanswered == limit:
+                for parameter in chain.from_iterable(reversed(blocks)):
+                    yield ReadValue(parameter, None, f"not asked for: {problem}")
                 return
         else:
-            silent, patience = 0, _SILENT
+            unanswered, limit = 0, _UNANSWERED
             yield from (ReadValue(reading.parameter, reading) for reading in readings)
 
 
@@ -119,11 +125,10 @@ def selected(
     groups: Sequence[str] = (),
     access: str | None = None,
 ) -> list[str]:
-    """Return the names that are asked for, in the order of the description; without patterns and groups all readable
-    ones.
+    """Return the names that are asked for, each once; without patterns and groups all readable ones.
 
     `patterns` are names, or have * and ? in them; `access` is ro or rw. Raises UnknownName for a pattern or a group
-    that nothing has.
+    that no parameter has.
 
     >>> from barewire import load
     >>> adxl = load("adxl")
@@ -131,8 +136,9 @@ def selected(
     >>> selected(adxl, names, ["*temperature*"])[:1]
     ['Thyristors temperature']
     """
-    by_group = [_of_group(device, group) for group in groups]
-    wanted: list[str] = []
+    # An unknown group is reported before an unknown name.
+    in_groups = [name for group in groups for name in _names_in_group(device, group)]
+    wanted = [] if patterns or groups else list(readable)
     for pattern in patterns:
         if not is_pattern(pattern):
             wanted.append(device.find(pattern).name)
@@ -142,10 +148,8 @@ def selected(
         if not matching:
             raise UnknownName(f"no readable parameter of {device.name} has a name like {shown(pattern)}")
         wanted += matching
-    for group in by_group:
-        wanted += [name for name in group if name in set(readable)]
-    if not patterns and not groups:
-        wanted = list(readable)
+    can_be_read = set(readable)
+    wanted += [name for name in in_groups if name in can_be_read]
     if access:
         wanted = [name for name in wanted if device.find(name).access == access]
     return list(dict.fromkeys(wanted))
@@ -156,7 +160,7 @@ def is_pattern(name: str) -> bool:
     return "*" in name or "?" in name
 
 
-def _of_group(device: Device, group: str) -> list[str]:
+def _names_in_group(device: Device, group: str) -> list[str]:
     names = [row.name for row in device.parameters if row.group.casefold() == group.casefold()]
     if names:
         return names

@@ -6,5 +6,6 @@ The files, in reading order:
     script          a case of the vectors, read; the cases themselves are in vectors/cases/canopen/conform-*.json
     probe           which objects a device has; the pause between two LSS requests
     eds_objects     the cases of the objects of a device: by its EDS, and in random order
-    battery         all cases for one device, how one is run, and how what it wrote is undone
+    restore         the values that a case has changed, written back
+    battery         all cases for one device, and how one is run
 """

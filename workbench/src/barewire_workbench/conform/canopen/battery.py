@@ -6,17 +6,6 @@
     run_case      sends the steps of a case, compares received frames with the accepted patterns, stops at a difference
 
 Frames that a case does not listen for (heartbeats, process data of other nodes) are ignored.
-
-A reset of the communication restores 1000h to 1FFFh. On a device that keeps its values (reported by NMT-17), the
-objects that the case wrote are read back, and those with another value than before the battery are written:
-
-        PDO 1400h ... 1A00h     switched off, the count 0, the entries, the count, the record, switched on
-        SYNC 1005h, 1006h       the device stops to produce it, then 1019h and 1007h, the period, 1005h
-        1012h, 1014h, 1201h ... switched off, then the value before
-        1016h                   all changed entries 0, then their values: no node may be in two
-
-After a case that stores values, all values that the battery knows are compared, and those before it are stored again.
-A refused write is ignored: this is for the cases that follow, which will report what they find.
 """
 
 from __future__ import annotations
@@ -24,133 +13,22 @@ from __future__ import annotations
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-from barewire.canopen.abort_codes import SdoAbort
 from barewire.canopen.eds.objects import EdsObject
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NmtCommand
-from barewire.canopen.object_dictionary import ObjectAddress
-from barewire.canopen.sdo.channel import Channel
-from barewire.canopen.sdo.client import download, upload
 from barewire.conversation import Conversation, Listen, Send
-from barewire.errors import NoAnswer
 from barewire_workbench.conform.canopen.eds_objects import application_cases, object_cases, random_cases
 from barewire_workbench.conform.canopen.model import (
     BOOT,
     NODE_ANSWER_TIMEOUT,
-    SAVE,
     NodeCase,
     NodeOutcome,
     NodeStep,
     Subject,
 )
 from barewire_workbench.conform.canopen.probe import with_lss_pauses
+from barewire_workbench.conform.canopen.restore import restore_values
 from barewire_workbench.conform.canopen.script import CaseFields, Placeholders, applies, read_node_case
-
-_NEVER_WRITTEN = (0x1003, 0x1010, 0x1011)
-"""The history of errors, and the commands that store and restore: their values are not settings."""
-_STORING = 5.0
-"""Seconds that a device may take to store its values."""
-_SDO_CHANNELS = range(0x1201, 0x1300)
-_OFF, _PRODUCES, _CONSUMES = 0x8000_0000, 0x4000_0000, 0x8000_0000
-
-
-def restore_values(
-    subject: Subject, case: NodeCase, *, timeout: float = NODE_ANSWER_TIMEOUT
-) -> Conversation[CanFrame, None]:
-    """Give the objects that a case wrote the values of the subject, if they have others. Return if nothing answers."""
-    channel = Channel(subject.node)
-    try:
-        changed: dict[ObjectAddress, bytes] = {}
-        stores = case.effect in ("stores", "power")
-        for place in tuple(subject.values) if stores else _written(case, subject):
-            try:
-                present = yield from upload(channel, *place, timeout=timeout)
-            except SdoAbort:
-                continue
-            if present != subject.values[place] and place[0] not in _NEVER_WRITTEN:
-                changed[place] = subject.values[place]
-        for place, data in _in_safe_order(subject, changed):
-            try:
-                yield from download(channel, *place, data, timeout=timeout)
-            except SdoAbort:
-                continue
-        if stores:
-            yield from download(channel, 0x1010, 1, SAVE.to_bytes(4, "little"), timeout=_STORING)
-    except (NoAnswer, SdoAbort):
-        return
-
-
-def _written(case: NodeCase, subject: Subject) -> tuple[ObjectAddress, ...]:
-    """Return the objects of the subject to which the case sends a download."""
-    places: dict[ObjectAddress, None] = {}
-    for text in (text for step in case.steps for text in step.sends):
-        frame = CanFrame.parse(text)
-        if frame.key != (0x600 + subject.node, False) or len(frame.data) < 4:
-            continue
-        # The initiate of a download (001x xxxxb) or of one in blocks (110x xxx0b) names an object.
-        if frame.data[0] & 0xE0 == 0x20 or frame.data[0] & 0xE1 == 0xC0:
-            place = int.from_bytes(frame.data[1:3], "little"), frame.data[3]
-            if place in subject.values and place[0] not in _NEVER_WRITTEN:
-                places[place] = None
-    return tuple(places)
-
-
-def _in_safe_order(subject: Subject, changed: Mapping[ObjectAddress, bytes]) -> Iterator[tuple[ObjectAddress, bytes]]:
-    """Yield the writes that give these objects their values, each as the standard allows it."""
-    rest = dict(changed)
-    for communication in sorted({_record_of(index) for index, _ in changed if _record_of(index)}):
-        yield from _pdo(subject, communication, rest)
-    if any(index in (0x1005, 0x1006, 0x1019) for index, _ in changed):
-        yield from _sync(subject, rest)
-    for place in [place for place in rest if place[0] == 0x1016]:
-        yield place, bytes(4)  # a node may be in one entry only, also while they are written one by one
-    for place, data in rest.items():
-        word = int.from_bytes(data, "little")
-        if place[0] == 0x1014 or (place[0] in _SDO_CHANNELS and place[1] in (1, 2)):
-            yield place, _four(word | _OFF)
-        elif place[0] == 0x1012:
-            yield place, _four(word & ~(_CONSUMES | _PRODUCES))
-        yield place, data
-
-
-def _record_of(index: int) -> int:
-    """Return the index of the communication record of a PDO, from that of either of its records; 0 for others."""
-    return index & ~0x0200 if 0x1400 <= index < 0x1C00 else 0
-
-
-def _pdo(
-    subject: Subject, communication: int, rest: dict[ObjectAddress, bytes]
-) -> Iterator[tuple[ObjectAddress, bytes]]:
-    mapping = communication + 0x0200
-    word = subject.number(communication, 1)
-    yield (communication, 1), _four(word | _OFF)
-    entries = {sub: rest.pop((mapping, sub)) for index, sub in sorted(rest) if index == mapping}
-    if entries:
-        yield (mapping, 0), b"\0"
-        yield from (((mapping, sub), data) for sub, data in entries.items() if sub)
-        yield (mapping, 0), subject.values[mapping, 0]
-    record = {sub: rest.pop((communication, sub)) for index, sub in sorted(rest) if index == communication}
-    yield from (((communication, sub), data) for sub, data in record.items() if sub != 1)
-    yield (communication, 1), _four(word)
-
-
-def _sync(subject: Subject, rest: dict[ObjectAddress, bytes]) -> Iterator[tuple[ObjectAddress, bytes]]:
-    if subject.has(0x1005):
-        yield (0x1005, 0), _four(subject.number(0x1005) & ~_PRODUCES)
-    if subject.has(0x1006):
-        yield (0x1006, 0), bytes(4)  # 1019h is refused while there is a period
-    for index in (0x1019, 0x1007, 0x1006, 0x1005):
-        rest.pop((index, 0), None)
-        if subject.has(index):
-            yield (index, 0), subject.values[index, 0]
-
-
-def _four(word: int) -> bytes:
-    return word.to_bytes(4, "little")
-
-
-# Running cases ------------------------------------------------------------------------------------------------------
-
 
 _SETTLE = 0.01
 """Seconds of silence after the last response of a case, in which a repeated one is noticed."""
@@ -253,11 +131,11 @@ def failure_of(case: NodeCase, received: Sequence[Sequence[str]]) -> str | None:
 
 
 def _ends(step: NodeStep, frames: Sequence[str]) -> bool:
-    return len(frames) < FLOOD and any(_matches(pattern, frames) for pattern in step.ends)
+    return len(frames) < FLOOD and _matches_any(step.ends, frames)
 
 
 def _is_accepted(step: NodeStep, frames: Sequence[str]) -> bool:
-    return len(frames) < FLOOD and any(_matches(pattern, frames) for pattern in step.accepts)
+    return len(frames) < FLOOD and _matches_any(step.accepts, frames)
 
 
 def _run_step(case: NodeCase, step: NodeStep, timeout: float, *, is_last: bool) -> Conversation[CanFrame, list[str]]:
@@ -274,7 +152,7 @@ def _run_step(case: NodeCase, step: NodeStep, timeout: float, *, is_last: bool) 
             frames.append(str(heard.item))
         if heard.now >= until:
             return frames
-        if frames and not step.full_wait and _fits(step, frames):
+        if frames and not step.full_wait and _matches_any((*step.accepts, *step.ends), frames):
             if not is_last:
                 return frames
             until = min(until, heard.now + _SETTLE)
@@ -283,8 +161,8 @@ def _run_step(case: NodeCase, step: NodeStep, timeout: float, *, is_last: bool) 
         heard = yield Listen(until)
 
 
-def _fits(step: NodeStep, frames: list[str]) -> bool:
-    return any(_matches(pattern, frames) for pattern in (*step.accepts, *step.ends))
+def _matches_any(patterns: Iterable[str], frames: Sequence[str]) -> bool:
+    return any(_matches(pattern, frames) for pattern in patterns)
 
 
 def _matches(pattern: str, frames: Sequence[str]) -> bool:
