@@ -59,7 +59,7 @@ SERVICES: tuple[CobService, ...] = (
 )
 
 PDO_SERVICES: dict[str, ServiceName] = {service.name: service.name for service in SERVICES if "PDO" in service.name}
-"""The PDOs of the predefined connection set."""
+"""The PDOs of the predefined connection set: a text -> the same text as a `ServiceName`."""
 _BY_NAME = {service.name: service for service in SERVICES}
 _BROADCASTS = {service.base: service for service in SERVICES if service.broadcast}
 _BY_FUNCTION_CODE = {service.function_code: service for service in SERVICES if not service.broadcast}
@@ -69,16 +69,14 @@ _RESTRICTED = ((0x000, 0x07F), (0x101, 0x180), (0x581, 0x5FF), (0x601, 0x67F), (
 
 
 def check_node(node: int) -> int:
-    """Return the node-ID. Raise EncodeError for any other object, and outside 1..127.
-
-    0 means "all nodes", and only in an NMT command."""
+    """Return the node-ID. Raise EncodeError for any other object, and outside 1..127: 0 is all nodes, in NMT only."""
     if isinstance(node, bool) or not isinstance(node, int) or not NODE_MIN <= node <= NODE_MAX:
         raise EncodeError(f"node {shown(node)}: expected {NODE_MIN}..{NODE_MAX}", "node")
     return node
 
 
 def check_node_ids(name: str, nodes: object) -> None:
-    """Raise EncodeError if an argument that takes several node-IDs is something else, such as one node-ID."""
+    """Raise EncodeError if the argument `name`, which takes several node-IDs, is something else, such as one."""
     if not isinstance(nodes, Iterable) or isinstance(nodes, (str, bytes)):
         example = f", such as [{nodes}]" if isinstance(nodes, int) else ""
         raise EncodeError(f"{name} = {shown(nodes)}: expected several node-IDs{example}", name)

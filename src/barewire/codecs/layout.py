@@ -47,10 +47,8 @@ class Layout:
     6
     """
 
-    __slots__ = (
-        *("_byteorder", "_count_end", "_count_index", "_places", "_struct", "_values"),
-        *("count", "names", "size", "tail"),
-    )
+    __slots__ = ("_byteorder", "_count_end", "_count_index", "_places", "_struct", "_values",
+                 "count", "names", "size", "tail")  # fmt: skip
 
     def __init__(self, format: str, *names: str, tail: str | None = None, count: str | None = None) -> None:
         self._struct = struct.Struct(format)
@@ -59,9 +57,8 @@ class Layout:
         self.count = count
         self.size = self._struct.size
         # A field ends where the format up to its character ends: there is one format character for each field.
-        order, kinds = format[0], format[1:]
-        self._byteorder: Literal["big", "little"] = "little" if order == "<" else "big"
-        ends = [struct.calcsize(order + kinds[: place + 1]) for place in range(len(names))]
+        self._byteorder: Literal["big", "little"] = "little" if format[0] == "<" else "big"
+        ends = [struct.calcsize(format[: 2 + index]) for index in range(len(names))]
         self._places = tuple(zip([0, *ends], ends))
         self._values: Callable[[object], Any] = attrgetter(*names)
         self._count_index = names.index(count) if count is not None else 0
@@ -105,8 +102,8 @@ class Layout:
             return self._struct.unpack(data)
         values = self._struct.unpack_from(data)
         if self.count is not None and values[self._count_index] != len(data) - self.size:
-            count, there = values[self._count_index], len(data) - self.size
-            text = f"{self.count} is {count}, but {there} bytes of {self.tail} follow"
+            count, following = values[self._count_index], len(data) - self.size
+            text = f"{self.count} is {count}, but {following} bytes of {self.tail} follow"
             raise DecodeError("length", data, self._places[self._count_index][0], text)
         return (*values, data[self.size :])
 
@@ -133,16 +130,16 @@ class Layout:
 
     def fields(self, data: bytes, at: int = 0) -> list[Field]:
         """Return the fields with their offsets and values, as far as the bytes go. Offsets count from `at`."""
-        found: list[Field] = []
+        fields: list[Field] = []
         for name, (start, end) in zip(self.names, self._places):
             if end > len(data):
-                return found
+                return fields
             value = int.from_bytes(data[start:end], self._byteorder)
-            found.append(Field(at + start, end - start, name, value))
+            fields.append(Field(at + start, end - start, name, value))
         if self.tail is not None and len(data) > self.size:
-            rest = data[self.size :]
-            found.append(Field(at + self.size, len(rest), self.tail, rest.hex(" ").upper()))
-        return found
+            tail = data[self.size :]
+            fields.append(Field(at + self.size, len(tail), self.tail, tail.hex(" ").upper()))
+        return fields
 
 
 class BitPattern:
@@ -161,18 +158,18 @@ class BitPattern:
     __slots__ = ("_fields", "mask", "pattern", "value")
 
     def __init__(self, pattern: str) -> None:
-        drawn = pattern.replace(" ", "")
-        if len(drawn) != 8:
-            raise EncodeError(f"bit pattern {pattern!r}: expected 8 places, found {len(drawn)}")
+        bits = pattern.replace(" ", "")
+        if len(bits) != 8:
+            raise EncodeError(f"bit pattern {pattern!r}: expected 8 places, found {len(bits)}")
         self.pattern = pattern
-        self.mask = int("".join("1" if c in "01" else "0" for c in drawn), 2)
-        self.value = int("".join(c if c in "01" else "0" for c in drawn), 2)
-        self._fields: dict[str, tuple[int, int]] = {}
-        for letter in dict.fromkeys(c for c in drawn if c not in "01-"):
-            width = drawn.count(letter)
-            if letter * width not in drawn:
+        self.mask = int("".join("1" if bit in "01" else "0" for bit in bits), 2)
+        self.value = int("".join(bit if bit in "01" else "0" for bit in bits), 2)
+        self._fields: dict[str, tuple[int, int]] = {}  # the lowest bit and the width
+        for letter in dict.fromkeys(bit for bit in bits if bit not in "01-"):
+            width = bits.count(letter)
+            if letter * width not in bits:
                 raise EncodeError(f"bit pattern {pattern!r}: the bits of {letter!r} do not lie together")
-            self._fields[letter] = (7 - drawn.rindex(letter), width)
+            self._fields[letter] = (7 - bits.rindex(letter), width)
 
     def __repr__(self) -> str:
         return f"BitPattern({self.pattern!r})"

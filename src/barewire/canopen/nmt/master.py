@@ -70,28 +70,28 @@ def send_nmt(
     """
     if confirmed_by is None:
         confirmed_by = [node] if node else []
-    waiting = {check_node(number): "" for number in confirmed_by}
+    waiting = {check_node(number): "" for number in confirmed_by}  # with what each reported instead
     sent: Heard[CanFrame] = yield Send(NmtMessage(command, node).encode())
     confirmed: list[NmtConfirmation] = []
     frames = 0
     until = sent.now + timeout
-    asking = float("inf") if ask_every is None else sent.now + ask_every
+    next_request = float("inf") if ask_every is None else sent.now + ask_every
     while waiting:
-        heard: Heard[CanFrame] = yield Listen(min(until, asking))
+        heard: Heard[CanFrame] = yield Listen(min(until, next_request))
         if heard.item is not None:
             frames += 1
-            received = reported_state(heard.item)
-            if received is not None and received.node in waiting:
-                waiting[received.node] = (
-                    f"it last reported {received.name}, {heard.now - sent.now:.3g} s after the command"
-                )
-                if received.state == STATE_AFTER[command]:
-                    del waiting[received.node]
-                    confirmed.append(NmtConfirmation(received.node, received.state, heard.now - sent.now))
+            report = reported_state(heard.item)
+            if report is not None and report.node in waiting:
+                after = heard.now - sent.now
+                if report.state == STATE_AFTER[command]:
+                    del waiting[report.node]
+                    confirmed.append(NmtConfirmation(report.node, report.state, after))
+                else:
+                    waiting[report.node] = f"it last reported {report.name}, {after:.3g} s after the command"
         if heard.now >= until and waiting:
             raise NoAnswer(_unconfirmed(command, waiting, timeout, frames, ask_every is not None))
-        if heard.now >= asking:
-            asking = heard.now + (ask_every or timeout)
+        if heard.now >= next_request:
+            next_request = heard.now + (ask_every or timeout)
             for number in waiting:
                 yield Send(guarding_request(number))
     return confirmed
@@ -107,15 +107,14 @@ def request_state(node: int, *, timeout: float = STATE_TIMEOUT) -> Conversation[
         heard: Heard[CanFrame] = yield Listen(until)
         if heard.item is not None:
             frames += 1
-            received = reported_state(heard.item)
-            if received is not None and received.node == node:
-                return received
+            report = reported_state(heard.item)
+            if report is not None and report.node == node:
+                return report
         if heard.now >= until:
-            beats = (
-                "a node with heartbeats (1017h) reports it with the next one: is the timeout longer than their period?"
+            raise NoAnswer(
+                f"node {node} did not report its state within {timeout:g} s; {frames} other frames came; a node with "
+                "heartbeats (1017h) reports it with the next one: is the timeout longer than their period?"
             )
-            text = f"node {node} did not report its state within {timeout:g} s; {frames} other frames came"
-            raise NoAnswer(f"{text}; {beats}")
 
 
 def wait_for_boot_up(node: int | None = None, *, timeout: float = 10.0) -> Conversation[CanFrame, NodeState]:
@@ -126,12 +125,12 @@ def wait_for_boot_up(node: int | None = None, *, timeout: float = 10.0) -> Conve
     Traceback (most recent call last):
     barewire.errors.NoAnswer: no boot-up message from node 5 within 0.5 s: no state was reported
     """
-    return _wait(node, "boot-up message", lambda received: received.is_boot_up, timeout)
+    return _wait(node, "boot-up message", lambda report: report.is_boot_up, timeout)
 
 
 def wait_for_heartbeat(node: int | None = None, *, timeout: float = 10.0) -> Conversation[CanFrame, NodeState]:
     """Wait for the next heartbeat of a node, or of any node with None; a boot-up message does not count."""
-    return _wait(node, "heartbeat", lambda received: not received.is_boot_up, timeout)
+    return _wait(node, "heartbeat", lambda report: not report.is_boot_up, timeout)
 
 
 def wait_for_state(node: int, states: Collection[int], *, timeout: float = 10.0) -> Conversation[CanFrame, NodeState]:
@@ -143,36 +142,36 @@ def wait_for_state(node: int, states: Collection[int], *, timeout: float = 10.0)
             names = ", ".join(f"NmtState.{state.name}" for state in NmtState)
             raise EncodeError(f"state {shown(state)}: expected one of {names}")
     names = " or ".join(NodeState(node, state).name for state in states)
-    return _wait(node, f"state {names}", lambda received: received.state in states, timeout)
+    return _wait(node, f"state {names}", lambda report: report.state in states, timeout)
 
 
 def _wait(
     node: int | None, event: str, wanted: Callable[[NodeState], bool], timeout: float
 ) -> Conversation[CanFrame, NodeState]:
     if node is not None:
-        check_node(node)
+        check_node(node)  # here, since the body of a generator would check it with its first step only
     return _waiting(node, event, wanted, timeout)
 
 
 def _waiting(
     node: int | None, event: str, wanted: Callable[[NodeState], bool], timeout: float
 ) -> Conversation[CanFrame, NodeState]:
-    heard: Heard[CanFrame] = yield Listen(float("-inf"))
+    heard: Heard[CanFrame] = yield Listen(float("-inf"))  # returns at once, with the time
     until = heard.now + timeout
     latest = ""
     while True:
-        received = None if heard.item is None else reported_state(heard.item)
-        if received is not None and node in (None, received.node):
-            if wanted(received):
-                return received
-            latest = f"last reported was {NmtState.INITIALISING.name.lower() if received.is_boot_up else received.name}"
+        report = None if heard.item is None else reported_state(heard.item)
+        if report is not None and node in (None, report.node):
+            if wanted(report):
+                return report
+            latest = f"last reported was {NmtState.INITIALISING.name.lower() if report.is_boot_up else report.name}"
         if heard.now >= until:
             source = "any node" if node is None else f"node {node}"
             raise NoAnswer(f"no {event} from {source} within {timeout:g} s: {latest or 'no state was reported'}")
         heard = yield Listen(until)
 
 
-def _unconfirmed(command: NmtCommand, waiting: dict[int, str], timeout: float, frames: int, asked: bool) -> str:
+def _unconfirmed(command: NmtCommand, waiting: dict[int, str], timeout: float, frames: int, guarded: bool) -> str:
     """Return the text of the error, with what to do if a node did not report any state."""
     name = command.name.lower().replace("_", " ")
     states = "; ".join(f"node {node}: {state or 'it did not report its state'}" for node, state in waiting.items())
@@ -181,7 +180,7 @@ def _unconfirmed(command: NmtCommand, waiting: dict[int, str], timeout: float, f
         return text
     if STATE_AFTER[command] == NmtState.INITIALISING:
         return f"{text}: a reset is confirmed by the boot-up message only"
-    if asked:
+    if guarded:
         return f"{text}: it did not answer node guarding either"
     return (
         f"{text}: without heartbeat it does not report by itself: with ask_every=0.1 its state is requested by node "

@@ -174,7 +174,7 @@ class NetworkNmtMethods(NmtMethods[R]):
         The nodes are not watched afterwards: `start_manager` does that. Faults of nodes are in the result; they raise
         no error. The result is true if the network is ready.
         """
-        from barewire.canopen.manager.network_list import checked_network
+        from barewire.canopen.manager.network_list import checked_network  # loaded by programs with a manager only
 
         checked_network(network)
         check_callbacks("boot", on_event=on_event, progress=progress)
@@ -206,11 +206,16 @@ class NetworkNmtMethods(NmtMethods[R]):
         It takes no locks: have no SDO transfers with a node while it boots.
         """
         check_callbacks("start_manager", callback=callback, progress=progress)
+
+        def report(node: int, step: str) -> None:
+            if progress is not None:
+                adapter.call(progress, node, step)  # its errors do not end the manager
+
         manager = canopen.BootManager(
             network,
             timeout=self.runner.timeout if timeout is None else timeout,
             channels=lambda node: canopen.Channel(node, self.runner.dialect),
-            progress=progress and (lambda node, step: adapter.call(progress, node, step)),
+            progress=report,
         )
         adapter = CallbackAdapter(manager, callback)
         return BackgroundTask(adapter, ERROR_CONTROL | _RESPONSES)

@@ -120,16 +120,16 @@ def wire_address(text: str, device: Device = RAW) -> str:
         return text
     if (parameter := _of_dictionary(text, device)) is not None:
         return parameter.name
-    plain = text.strip()
-    table, colon, rest = plain.partition(":")
-    if colon and table.lower() in _SHORT:
-        return f"{_SHORT[table.lower()]}:{rest}"
-    addresses, colon, form = plain.partition(":")
-    numbers = [number for part in addresses.split("-") if (number := _printed_number(part)) is not None]
-    tables = {table for table, _ in numbers}
-    if len(numbers) != addresses.count("-") + 1 or len(tables) > 1:
+    first, colon, rest = text.strip().partition(":")
+    if colon and first.lower() in _SHORT:
+        return f"{_SHORT[first.lower()]}:{rest}"
+    numbers = [_printed_number(part) for part in first.split("-")]
+    places = [number for number in numbers if number is not None]
+    tables = {table for table, _ in places}
+    if len(places) != len(numbers) or len(tables) != 1:
         return text
-    return f"{tables.pop()}:{'-'.join(str(address) for _, address in numbers)}{colon}{form}"
+    addresses = "-".join(str(address) for _, address in places)
+    return f"{tables.pop()}:{addresses}{colon}{rest}"
 
 
 def _of_dictionary(text: str, device: Device) -> Parameter | None:
@@ -142,17 +142,15 @@ def _of_dictionary(text: str, device: Device) -> Parameter | None:
     """
     match = _OBJECT.fullmatch(text.strip())
     if match is None:
-        own = [parameter for parameter in device.parameters if fold(parameter.name).endswith(f" / {fold(text)}")]
-        return own[0] if len(own) == 1 else None
+        ending = f" / {fold(text)}"
+        named = [parameter for parameter in device.parameters if fold(parameter.name).endswith(ending)]
+        return named[0] if len(named) == 1 else None
     address = int(match["index"] or match["plain"], 16), int(match["sub"] or "0", 16)
-    return next(
-        (
-            parameter
-            for parameter in device.parameters
-            if (place := parameter.object) is not None and place.bit is None and (place.index, place.sub) == address
-        ),
-        None,
-    )
+    for parameter in device.parameters:
+        place = parameter.object
+        if place is not None and place.bit is None and (place.index, place.sub) == address:
+            return parameter
+    return None
 
 
 def _printed_number(text: str) -> tuple[str, int] | None:
@@ -172,31 +170,32 @@ def printed_number_hint(table: str, address: int) -> str:
     >>> printed_number_hint("input", 1)
     ''
     """
-    meant = _printed_number(str(address))
-    if meant is None or meant[0] != table:
+    printed = _printed_number(str(address))
+    if printed is None or printed[0] != table:
         return ""
-    return f"if {address} is the number in the manual, the address is {meant[0]}:{meant[1]}"
+    return f"if {address} is the number in the manual, the address is {table}:{printed[1]}"
 
 
 def _spread(text: str) -> Iterable[str]:
+    """Return the addresses of a range, one for each value; any other text alone."""
     table, _, rest = text.strip().partition(":")
     addresses, colon, form = rest.partition(":")
     if not _is_range(addresses) or table not in TABLE_NAMES:
         return (text,)
     low, _, high = addresses.rpartition("-")
-    start, end = _number(text, low, 0xFFFF), _number(text, high, 0xFFFF)
-    if end < start:
+    first, last = _number(text, low, 0xFFFF), _number(text, high, 0xFFFF)
+    if last < first:
         raise EncodeError(f"{text!r}: {addresses!r}: expected the lower address first")
     type_name = form.partition(":")[0]
     if type_name.startswith("text"):
         expected = "expected a type with a size of its own, such as u32"
         raise EncodeError(f"{text!r}: type {type_name!r} in a range: {expected}")
-    place = raw_parameter(f"{table}:{start}{colon}{form}").modbus
+    place = raw_parameter(f"{table}:{first}{colon}{form}").modbus
     size = 1 if place is None else place.words
-    count = end - start + 1
+    count = last - first + 1
     if count % size:
         raise EncodeError(f"{text!r}: {addresses!r} has {count} registers, a {type_name} has {size}")
-    return [f"{table}:{address}{colon}{form}" for address in range(start, end + 1, size)]
+    return [f"{table}:{address}{colon}{form}" for address in range(first, last + 1, size)]
 
 
 def _is_range(addresses: str) -> bool:
@@ -248,10 +247,10 @@ def _raw_object(text: str, number: str, type_name: str = "") -> Parameter:
 
 def _type_and_words(text: str, type_name: str) -> tuple[str, int]:
     """Return a type and the registers that it takes: text8 is text in 8 registers."""
-    of_text = re.fullmatch(r"text(\d*)", type_name)
-    if of_text is None:
+    match = re.fullmatch(r"text(\d*)", type_name)
+    if match is None:
         return type_name, 1 if _type(text, type_name) == "bool" else max(1, codec(type_name).size // 2)
-    words = int(of_text[1][:9] or 0)  # more digits are too many registers anyway, and `int` refuses thousands of them
+    words = int(match[1][:9] or 0)  # more digits are too many registers anyway, and `int` refuses thousands of them
     if not 1 <= words <= _REGISTERS_MAX:
         expected = f"expected text1..text{_REGISTERS_MAX}, text in that number of registers"
         raise EncodeError(f"{shown(text)}: type {shown(type_name)}: {expected}")
@@ -277,10 +276,12 @@ def _type_in_cia_301(index: int, sub: int) -> str:
     if 0x1600 <= index < 0x1800 or 0x1A00 <= index < 0x1C00:
         return "u32" if sub else "u8"
     types = {(entry.index, entry.sub): entry.type for entry in standard_objects(name="name", servers=2)}
-    return types.get((index, sub)) or ("u8" if sub == 0 and any(index == of for of, _ in types) else "")
+    is_record = any(index == known for known, _ in types)
+    return types.get((index, sub)) or ("u8" if sub == 0 and is_record else "")  # sub-index 0 is the number of entries
 
 
 def _type(text: str, type_name: str) -> str:
+    """Return the type of a value in registers or coils, if it is one."""
     if type_name not in _TYPES:
         expected = f"expected one of {', '.join(_TYPES)}, or textN in registers"
         raise EncodeError(f"{shown(text)}: type {shown(type_name)}: {expected}{suggest(type_name, _TYPES)}")

@@ -24,6 +24,7 @@ import re
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import suppress
 from functools import partial
+from itertools import zip_longest
 from typing import Any, NamedTuple
 
 from barewire.canopen.cob_ids import cob_id
@@ -93,7 +94,7 @@ def _result(case: Case) -> str:
 
 def _explained(kind: str, case: Case) -> Iterator[str]:
     """Yield the fields of each frame; of many frames only the verdicts, a line each."""
-    frames = [*frames_of_case(kind, case)]
+    frames = list(frames_of_case(kind, case))
     if len(frames) > _SHOWN_MOST:
         yield ""
         width = max(len(frame.place) for frame in frames)
@@ -192,21 +193,29 @@ def _talk(case: Case) -> Iterator[FrameOfCase]:
     bus = _Bus()
     for number, step in enumerate(case["talk"], start=1):
         place = f"at {step['at']} us" if "at" in step else f"step {number}"
-        for name, value in step.items():
-            for wanted in value if isinstance(value, list) else [value]:
-                item, *others = wanted["one_of"] if isinstance(wanted, dict) and "one_of" in wanted else [wanted]
-                if isinstance(item, str) and "#" in item:
-                    note = f", or {' or '.join(others)}" if others else ""
-                    note += ", shown with 00 for each byte that may have any value" if _ANY_BYTE in item else ""
-                    frame = CanFrame.parse(item.replace(_ANY_BYTE, "00"))
-                    yield FrameOfCase(f"{place}, {name}{note}", bus.explained(frame))
-                elif isinstance(item, dict) and "pdu" in item:
-                    role: FrameRole | None = "response" if case["line"].get("role") == "client" else None
-                    yield FrameOfCase(f"{place}, frame of unit {item['unit']}", _pdu(item["pdu"], role))
-                elif isinstance(item, str) and name == "ask":
-                    yield FrameOfCase(f"{place}, ask unit {step['unit']}", _pdu(item, "request"))
-                elif isinstance(item, str) and name == "say":
-                    yield FrameOfCase(f"{place}, say", _pdu(item, "response"))
+        for name, item, others in _items(step):
+            if isinstance(item, dict) and "pdu" in item:
+                role: FrameRole | None = "response" if case["line"].get("role") == "client" else None
+                yield FrameOfCase(f"{place}, frame of unit {item['unit']}", _pdu(item["pdu"], role))
+            elif not isinstance(item, str):
+                continue  # a number, such as a time
+            elif "#" in item:
+                note = f", or {' or '.join(others)}" if others else ""
+                note += ", shown with 00 for each byte that may have any value" if _ANY_BYTE in item else ""
+                frame = CanFrame.parse(item.replace(_ANY_BYTE, "00"))
+                yield FrameOfCase(f"{place}, {name}{note}", bus.explained(frame))
+            elif name == "ask":
+                yield FrameOfCase(f"{place}, ask unit {step['unit']}", _pdu(item, "request"))
+            elif name == "say":
+                yield FrameOfCase(f"{place}, say", _pdu(item, "response"))
+
+
+def _items(step: Case) -> Iterator[tuple[str, Any, list[Any]]]:
+    """Yield what each field of a step has, with the name of the field and what is accepted in its place."""
+    for name, value in step.items():
+        for item in value if isinstance(value, list) else [value]:
+            first, *others = item["one_of"] if isinstance(item, dict) and "one_of" in item else [item]
+            yield name, first, others
 
 
 class _Bus:
@@ -246,10 +255,10 @@ _WHOLE_FRAMES = ("rtu-frame", "ascii-frame", "tcp-frame")
 
 def pictures_of_case(kind: str, case: Case) -> list[Picture]:
     """Return the pictures of a case, the most telling first. Raise EncodeError for a case without any."""
-    words = [*_drive_words(kind, case)]
+    words = list(_drive_words(kind, case))
     if words:
         return [StatesPicture(words, str(case["id"]))]
-    frames = [*frames_of_case(kind, case)]
+    frames = list(frames_of_case(kind, case))
     if not frames:
         raise EncodeError(f"{case['id']}: a case of kind {kind} has no frames that can be drawn")
     if len(frames) > 1:
@@ -267,7 +276,8 @@ def _drive_words(kind: str, case: Case) -> Iterator[DriveWord]:
     elif kind == "drive-command" and "word" in case:
         yield DriveWord("control", int(case["word"], 16))
     elif kind == "drive-path" and "seen" in case:
-        for seen, written in zip(case["seen"], [*case.get("words", []), *[None] * len(case["seen"])]):
+        # An invalid case has no control words, and one may be null (wait) or an object (an error).
+        for seen, written in zip_longest(case["seen"], case.get("words", [])):
             yield DriveWord("status", int(seen, 16))
             if isinstance(written, str):
                 yield DriveWord("control", int(written, 16))

@@ -91,12 +91,14 @@ def _modbus_messages(events: Iterable[SnifferEvent], timed: bool, names: UnitNam
                 yield SequenceMessage(CLIENT, unit, summary, event.pdu, event.at)
             case ResponseSeen():
                 named = "" if names is None or event.request is None else names.text(event.request, event)
-                summary = named or _response_text(event.pdu)
-                after = "" if event.seconds is None or not timed else f", after {1e3 * event.seconds:.1f} ms"
-                late = ", late: after the next request" if event.late else ""
-                unasked = ", its request was not recorded" if event.request is None else ""
+                text = named or _response_text(event.pdu)
+                if timed and event.seconds is not None:
+                    text += f", after {1e3 * event.seconds:.1f} ms"
+                if event.late:
+                    text += ", late: after the next request"
+                if event.request is None:
+                    text += ", its request was not recorded"
                 wrong = event.late or bool(event.pdu and event.pdu[0] & EXCEPTION_BIT)
-                text = f"{summary}{after}{late}{unasked}"
                 yield SequenceMessage(f"unit {event.unit}", CLIENT, text, event.pdu, event.at, wrong)
             case ResponseMissing():
                 unit = f"unit {event.request.unit}"
@@ -156,7 +158,7 @@ class FrameExplainer:
 
 
 def can_stations(frame: CanFrame) -> tuple[str, str]:
-    """Return who sends a frame and for whom it is, by the predefined connection set; no target if it is not in it.
+    """Return the sender and the target of a frame by the predefined connection set; no target if it is not in it.
 
     >>> can_stations(CanFrame.parse("605#40")), can_stations(CanFrame.parse("080#"))
     (('master', 'node 5'), ('master', 'all nodes'))
@@ -166,11 +168,9 @@ def can_stations(frame: CanFrame) -> tuple[str, str]:
         return MASTER, ""
     service, node = owner
     if service.name == "NMT":
-        named = frame.data[1] if len(frame.data) > 1 else 0
-        return MASTER, f"node {named}" if named else EVERY_NODE
-    if service.from_device:
-        return (f"node {node}" if node else EVERY_NODE), MASTER
-    return MASTER, f"node {node}" if node else EVERY_NODE
+        node = frame.data[1] if len(frame.data) > 1 else 0  # its identifier is that of a broadcast
+    station = f"node {node}" if node else EVERY_NODE
+    return (station, MASTER) if service.from_device else (MASTER, station)
 
 
 def explained_message(source: str, target: str, explanation: Explanation) -> SequenceMessage:
@@ -253,16 +253,22 @@ def can_drive_words(
             if monitor is not None:
                 _add_mapped(drives, monitor, item.frame, item.at)
         for _, event in monitors.feed(item):
-            if isinstance(event, SdoTransferReport) and event.outcome == "done" and event.data is not None:
-                kind = WORD_OBJECTS.get(event.index or 0)
-                wanted = "download" if kind == "control" else "upload"
-                if kind is not None and event.sub == 0 and len(event.data) == 2 and event.direction == wanted:
-                    word = int.from_bytes(event.data, "little")
-                    drives.setdefault(event.node, DriveWords()).add(kind, word, event.at)
+            if isinstance(event, SdoTransferReport):
+                _add_transferred(drives, event)
     return drives
 
 
+def _add_transferred(drives: dict[int, DriveWords], transfer: SdoTransferReport) -> None:
+    """Add the word that an SDO transfer has written or read. A control word that is read back is no command."""
+    kind, data = WORD_OBJECTS.get(transfer.index or 0), transfer.data
+    if kind is None or transfer.sub != 0 or transfer.outcome != "done" or data is None or len(data) != 2:
+        return
+    if transfer.direction == ("download" if kind == "control" else "upload"):
+        drives.setdefault(transfer.node, DriveWords()).add(kind, int.from_bytes(data, "little"), transfer.at)
+
+
 def _add_mapped(drives: dict[int, DriveWords], monitor: CanMonitor, frame: CanFrame, at: float) -> None:
+    """Add the words in a PDO, if its mapping is known."""
     pdo = monitor.pdos.owner(frame)
     if pdo is None or pdo.mapping is None or frame.remote:
         return
@@ -282,9 +288,9 @@ def modbus_drive_words(events: Iterable[SnifferEvent], device: Device) -> dict[i
     Raises EncodeError if the description has no table [drive].
     """
     roles = drive_roles(device)
+    names: dict[WordKind, str] = {"control": roles.control_word, "status": roles.status_word}
     places: dict[WordKind, ModbusAt] = {}
-    names: tuple[tuple[WordKind, str], ...] = (("control", roles.control_word), ("status", roles.status_word))
-    for kind, name in names:
+    for kind, name in names.items():
         place = device.find(name).modbus
         if place is not None and place.words == 1 and not place.partial:
             places[kind] = place
@@ -366,16 +372,16 @@ def _states(
     else:
         log, events = replay_log(data, window=options.window, ports=options.ports, protocol=options.protocol)
         station, drives, timed = "unit", modbus_drive_words(events, device), log.timed
-    place = _chosen(drives, number)
-    if place is None:
-        whom = f" of {station} {number}" if number is not None else ""
-        raise BarewireError(f"{name}: no status word and no control word{whom} of a CiA 402 drive is in it")
-    words = (word if timed else word._replace(at=None) for word in drives[place].kept)
-    return StatesPicture(words, f"{station} {place}")
+    if number is None:
+        number = _first_drive(drives)
+    if number is None or number not in drives:
+        drive = f" of {station} {number}" if number is not None else ""
+        raise BarewireError(f"{name}: no status word and no control word{drive} of a CiA 402 drive is in it")
+    words = (word if timed else word._replace(at=None) for word in drives[number].kept)
+    return StatesPicture(words, f"{station} {number}")
 
 
-def _chosen(drives: dict[int, DriveWords], number: int | None) -> int | None:
-    """Return the number of the drive: the given one, or the first with a status word, or the first."""
-    places = [place for place in drives if number in (None, place)]
-    with_status = [place for place in places if any(word.kind == "status" for word in drives[place].kept)]
-    return next(iter(with_status or places), None)
+def _first_drive(drives: dict[int, DriveWords]) -> int | None:
+    """Return the number of the first drive with a status word, else of the first; None if there is none."""
+    with_status = (number for number, words in drives.items() if any(word.kind == "status" for word in words.kept))
+    return next(with_status, next(iter(drives), None))

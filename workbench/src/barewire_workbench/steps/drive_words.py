@@ -9,6 +9,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping
+from contextlib import suppress
 
 from barewire.devices.cia402 import (
     CONTROL_PATTERNS,
@@ -26,6 +27,7 @@ from barewire.devices.device import Device
 from barewire.errors import DecodeError, EncodeError
 from barewire_workbench.steps.model import Steps, StepSection, StepTable, grouped_bits, parse_hex_number
 
+_HIGHEST_FIRST = range(15, -1, -1)
 _CONTROL_BITS: dict[int, str] = {
     0: "switch on",
     1: "enable voltage",
@@ -79,25 +81,27 @@ def control_word_steps(word: int | None = None, previous: int = 0, device: Devic
 
     Raises EncodeError for a word outside 16 bits and for a device that is no drive.
     """
-    names = _names(device, "control", _CONTROL_BITS)
-    sections: list[StepSection] = []
+    names = _bit_names(device, "control", _CONTROL_BITS)
     if word is None:
-        sections += [_commands(None, 0), _transitions()]
+        meanings = StepTable("The bits:", ("bit", "meaning"), tuple((str(bit), names[bit]) for bit in _HIGHEST_FIRST))
+        sections: tuple[StepSection, ...] = (meanings, _commands(None, 0), _transitions())
         result = "A control word is a command by bits 7, 3, 2, 1 and 0"
-        return Steps(
-            "controlword", "Control word, object 6040h", _source(device), (_bits(None, names), *sections), result, {}
-        )
+        return Steps("controlword", "Control word, object 6040h", _source(device), sections, result, {})
     _check_word(word)
     _check_word(previous)
     command = command_of(word, previous)
     stays = device is not None and device.drive is not None and device.drive.stays_in_quick_stop
-    sections += [_bits(word, names), _commands(word, previous), *_edge(word, previous)]
-    sections += [_effect(word, previous, stays), _mode_table(_CONTROL_MODES)]
     return Steps(
         "controlword",
         f"Control word {word:04X}h" + (f" after {previous:04X}h" if previous else ""),
         _source(device),
-        tuple(sections),
+        (
+            _bits(word, names),
+            _commands(word, previous),
+            *_edge(word, previous),
+            _effect(word, previous, stays_in_quick_stop=stays),
+            _mode_table(_CONTROL_MODES),
+        ),
         f"{word:04X}h is {'no command' if command is None else f'the command {command.text}'}",
         {
             "word": word,
@@ -117,34 +121,17 @@ def status_word_steps(word: int, device: Device | None = None) -> Steps:
     Raises EncodeError for a word outside 16 bits and for a device that is no drive.
     """
     _check_word(word)
-    names = _names(device, "status", _STATUS_BITS)
-    rows = []
-    for possible, (mask, value) in STATUS_PATTERNS.items():
-        masked = word & mask
-        mark = "<--" if masked == value else ""
-        rows.append((possible.value, _pattern(mask, value, 7), f"{mask:04X}h", f"{masked:04X}h", f"{value:04X}h", mark))
-    sections: list[StepSection] = [
-        _bits(word, names),
-        StepTable(
-            "The state is in bits 6, 5, 3, 2, 1 and 0 (x: any value). Keep the bits of the mask, and compare.",
-            ("state", "6543210", "mask", "word & mask", "expected", ""),
-            tuple(rows),
-        ),
-    ]
-    try:
-        state: State | None = state_of(word)
-    except DecodeError:
-        state = None
-    if state is None:
-        sections.append("No row fits. A drive shows such a word only during a transition; read it again.")
-    else:
-        sections.append(_way(state))
-    sections.append(_mode_table(_STATUS_MODES))
+    names = _bit_names(device, "status", _STATUS_BITS)
+    state: State | None = None
+    next_step = "No row fits. A drive shows such a word only during a transition; read it again."
+    with suppress(DecodeError):
+        state = state_of(word)
+        next_step = _words_to_enable(state)
     return Steps(
         "statusword",
         f"Status word {word:04X}h",
         _source(device),
-        tuple(sections),
+        (_bits(word, names), _states(word), next_step, _mode_table(_STATUS_MODES)),
         f"{word:04X}h is {f'the state {state.value}' if state else 'no state of CiA 402'}",
         {
             "word": word,
@@ -165,7 +152,7 @@ def _source(device: Device | None) -> str:
     )
 
 
-def _names(device: Device | None, which: str, standard: Mapping[int, str]) -> dict[int, str]:
+def _bit_names(device: Device | None, which: str, standard: Mapping[int, str]) -> dict[int, str]:
     """Return the names of the bits: those of the description of a device, else those of the standard."""
     if device is None:
         return dict(standard)
@@ -175,37 +162,48 @@ def _names(device: Device | None, which: str, standard: Mapping[int, str]) -> di
     return {bit: parameter.bits.get(bit, f"({standard[bit]})") for bit in range(16)}
 
 
-def _bits(word: int | None, names: Mapping[int, str]) -> StepTable:
-    rows = tuple((str(bit), "" if word is None else str(word >> bit & 1), names[bit]) for bit in range(15, -1, -1))
-    if word is None:
-        return StepTable("The bits:", ("bit", "meaning"), tuple((bit, meaning) for bit, _, meaning in rows))
+def _bits(word: int, names: Mapping[int, str]) -> StepTable:
+    rows = tuple((str(bit), str(word >> bit & 1), names[bit]) for bit in _HIGHEST_FIRST)
     return StepTable(f"{word:04X}h = {grouped_bits(word, 16)}. The bits:", ("bit", "value", "meaning"), rows)
 
 
+def _states(word: int) -> StepTable:
+    rows = []
+    for state, (mask, value) in STATUS_PATTERNS.items():
+        masked = word & mask
+        mark = "<--" if masked == value else ""
+        rows.append((state.value, _pattern(mask, value, 7), f"{mask:04X}h", f"{masked:04X}h", f"{value:04X}h", mark))
+    return StepTable(
+        "The state is in bits 6, 5, 3, 2, 1 and 0 (x: any value). Keep the bits of the mask, and compare.",
+        ("state", "6543210", "mask", "word & mask", "expected", ""),
+        tuple(rows),
+    )
+
+
 def _pattern(mask: int, value: int, bits: int) -> str:
-    return "".join("x" if not mask >> bit & 1 else str(value >> bit & 1) for bit in range(bits - 1, -1, -1))
+    """Return the lowest bits as drawn in CiA 402: x for a bit that may have any value."""
+    return "".join(str(value >> bit & 1) if mask >> bit & 1 else "x" for bit in range(bits - 1, -1, -1))
 
 
 def _commands(word: int | None, previous: int) -> StepTable:
-    rows = []
+    """Return the table of all commands; with a word, how it is compared with each of them."""
+    header = ("command", "bit 7", "3", "2", "1", "0", "simplest")
+    reset = ("fault reset", "0 to 1", "x", "x", "x", "x", "0080h")
+    commands = []
     for command, (mask, value) in CONTROL_PATTERNS.items():
         pattern = _pattern(mask, value, 8)
-        cells = (command.text, *(pattern[7 - bit] for bit in (7, 3, 2, 1, 0)), f"{int(command):04X}h")
-        if word is None:
-            rows.append(cells)
-        else:
-            rising = word & ~previous & 0x80
-            mark = "<--" if word & mask == value and not rising else ""
-            rows.append((*cells, f"{mask:04X}h", f"{word & mask:04X}h", f"{value:04X}h", mark))
-    reset = ("fault reset", "0 to 1", "x", "x", "x", "x", "0080h")
-    header = ("command", "bit 7", "3", "2", "1", "0", "simplest")
+        commands.append((command.text, *(pattern[7 - bit] for bit in (7, 3, 2, 1, 0)), f"{int(command):04X}h"))
     if word is None:
-        return StepTable("The commands (x: any value):", header, (*rows, reset))
-    mark = "<--" if word & ~previous & 0x80 else ""
+        return StepTable("The commands (x: any value):", header, (*commands, reset))
+    is_reset = bool(word & ~previous & 0x80)  # the edge of bit 7; then the other bits are no command
+    rows = []
+    for cells, (mask, value) in zip(commands, CONTROL_PATTERNS.values()):
+        mark = "<--" if word & mask == value and not is_reset else ""
+        rows.append((*cells, f"{mask:04X}h", f"{word & mask:04X}h", f"{value:04X}h", mark))
     return StepTable(
         "The command is in bits 7, 3, 2, 1 and 0 (x: any value). Keep the bits of the mask, and compare.",
         (*header, "mask", "word & mask", "expected", ""),
-        (*rows, (*reset, "", "", "", mark)),
+        (*rows, (*reset, "", "", "", "<--" if is_reset else "")),
     )
 
 
@@ -217,10 +215,10 @@ def _edge(word: int, previous: int) -> list[StepSection]:
     return [f"Bit 7 goes from 0 (in {previous:04X}h) to 1: that edge is the fault reset, whatever the other bits are."]
 
 
-def _effect(word: int, previous: int, stays: bool) -> StepTable:
+def _effect(word: int, previous: int, *, stays_in_quick_stop: bool) -> StepTable:
     rows = []
     for state in State:
-        passed = transitions_by(state, word, previous, stays_in_quick_stop=stays)
+        passed = transitions_by(state, word, previous, stays_in_quick_stop=stays_in_quick_stop)
         numbers = ", ".join(str(transition.number) for transition in passed)
         rows.append((state.value, numbers, passed[-1].target.value if passed else "stays"))
     return StepTable(
@@ -241,21 +239,23 @@ def _transitions() -> StepTable:
     )
 
 
-def _way(state: State) -> str:
-    """Return the control words from here to an enabled drive, in words."""
+def _words_to_enable(state: State) -> str:
+    """Return the control words from this state to an enabled drive, in a sentence."""
     goal = State.OPERATION_ENABLED
-    words: list[str] = []
     if state is goal:
         return "The motor is under control: the drive follows its target."
     if state in (State.NOT_READY_TO_SWITCH_ON, State.FAULT_REACTION_ACTIVE):
         return "The drive leaves this state by itself; no control word changes it."
-    while state is not goal and len(words) < len(State):
+    words: list[str] = []
+    while state is not goal and len(words) < len(State):  # no way is longer
         word = next_control_word(state, goal)
         assert word is not None
         words.append(f"{word:04X}h")
         state = after(state, word)
-    path = ", ".join(words)
-    return f"From here to an enabled drive, write these control words, each after the state has changed: {path}."
+    return (
+        "From here to an enabled drive, write these control words, each after the state has changed: "
+        f"{', '.join(words)}."
+    )
 
 
 def _mode_table(bits: Mapping[int, tuple[str, ...]]) -> StepTable:

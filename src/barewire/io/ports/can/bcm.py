@@ -84,7 +84,7 @@ class BroadcastManager:
         """
         self.place = f"can://socketcan/{channel}"
         self._channel = channel
-        self._sent: tuple[tuple[CanFrame, ...], float] | None = None
+        self._sent: tuple[tuple[CanFrame, ...], float] | None = None  # the frames that the kernel sends, their period
         self._socket = self._open() if opened is None else opened
         self._socket.setblocking(False)
 
@@ -113,14 +113,14 @@ class BroadcastManager:
         if (frames, period) == self._sent:
             return
         check_cycle(frames, period)
-        before, self._sent = self._sent, None
+        sent, self._sent = self._sent, None  # unknown, if an error comes between two messages
+        sent_frames, sent_period = sent or ((), None)
         try:
-            if before is None:
-                self._socket.send(setup_message(frames, period))
-            elif before[1] == period and [frame.key for frame in before[0]] == [frame.key for frame in frames]:
+            if sent_period == period and [frame.key for frame in sent_frames] == [frame.key for frame in frames]:
                 self._socket.send(setup_message(frames, None))
             else:
-                self._socket.send(delete_message(before[0][0]))
+                if sent_frames:
+                    self._socket.send(delete_message(sent_frames[0]))
                 self._socket.send(setup_message(frames, period))
         except OSError as error:
             raise PortError(self._failure(error)) from None
@@ -161,10 +161,11 @@ class BroadcastManager:
 
     def close(self) -> None:
         """Have the kernel send no further frame. The message ends it also if a forked process has the socket too."""
-        sent, self._sent = self._sent, None
+        frames, _ = self._sent or ((), None)
+        self._sent = None
         try:
-            if sent is not None:
-                self._socket.send(delete_message(sent[0][0]))
+            if frames:
+                self._socket.send(delete_message(frames[0]))
         except OSError:
             pass  # the interface is gone
         finally:
