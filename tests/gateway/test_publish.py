@@ -116,12 +116,12 @@ def test_a_machine_that_does_not_respond_is_asked_less_often_and_then_as_before(
 def test_what_changed_by_more_than_the_dead_band_is_published(values: list[Any], expected: list[bool]) -> None:
     dead_band = 0.5 if isinstance(values[0], float) and values[0] == values[0] else 0.0
     changes = ValueFilter(dead_band=dead_band)
-    assert [changes.wants("x", value, float(at)) for at, value in enumerate(values)] == expected
+    assert [changes.passes("x", value, float(at)) for at, value in enumerate(values)] == expected
 
 
 def test_without_on_change_every_value_is_published() -> None:
     every = ValueFilter(on_change=False)
-    assert [every.wants("x", 1, float(at)) for at in range(3)] == [True] * 3
+    assert [every.passes("x", 1, float(at)) for at in range(3)] == [True] * 3
 
 
 def test_the_buffer_keeps_order_and_bound_and_knows_what_was_sent(tmp_path: Path) -> None:

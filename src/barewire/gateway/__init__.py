@@ -5,7 +5,7 @@
 
 In reading order:
 
-    dispatch            the queue of one bus: which request is next, and who gets the response; time is an argument
+    dispatch            the queue of one bus: which request is next, which clients get the response; time is an argument
     policy              which client may do what
     backend             a bus: its connection, its lanes, what an error means for a client
     canopen_backend     nodes on a CAN bus as units

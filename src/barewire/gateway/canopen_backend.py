@@ -4,8 +4,8 @@
     01 to 06, 0F, 10           named parameters as registers     of a description of the device, or of an EDS
                                and coils                         and a table of registers
 
-Each unit is a node. Its registers are those that the description has for Modbus: a client that knows the AZ3 on RS-485
-drives an AZ3 on CAN. A request reads or writes whole parameters, and is one SDO transfer for each object.
+Each unit is a node. Its registers are those that the description has for Modbus: a client made for an AZ3 on RS-485
+drives one on CAN. A request reads or writes whole parameters, and is one SDO transfer for each object.
 
     SDO abort code                                                           exception
     0602 0000, 0609 0011 no such object; 0601 xxxx no access                 02

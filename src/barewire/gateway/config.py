@@ -88,7 +88,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("site", "text", None, "the first part of all topics: barewire/SITE", is_required=True),
         Option("buffer", "text", None, "the file of readings that the broker does not have yet; default: in memory"),
         Option("limit", "number", 100_000, "readings in the buffer; beyond it the oldest are dropped"),
-        Option("retain", "switch", False, "let the broker keep each latest value for those who subscribe later"),
+        Option("retain", "switch", False, "let the broker keep each latest value for clients that subscribe later"),
         Option("home_assistant", "text", None, "the prefix of discovery in Home Assistant, usually homeassistant"),
     ),
     "publish.machine": (

@@ -1,4 +1,4 @@
-"""Which request goes out next on a bus, and who gets its response. Each bus has one dispatcher, which owns it.
+"""Which request goes out next on a bus, and which clients get its response. Each bus has one dispatcher, which owns it.
 
     client 1   read u3, read u4  ->  |                     |  ->  one exchange at a time (or up to 16 on TCP)
     client 2   read u3           ->  |  queued, or joined  |

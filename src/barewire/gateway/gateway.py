@@ -211,9 +211,9 @@ class Gateway:
     def refused(self, caller: Caller, unit: int, request: RawRequest, code: int) -> None:
         """Log a request that the policy refuses."""
         self.refusals += 1
-        who = f"{caller.peer or 'a client'}{f' as {caller.role}' if caller.role else ''}"
+        client = f"{caller.peer or 'a client'}{f' as {caller.role}' if caller.role else ''}"
         function = f"function {request.function_code}" + (f" ({request.name})" if request.known else "")
-        text = f"{who}: {function} to unit {unit}: refused by the policy, {exception_name(code)}"
+        text = f"{client}: {function} to unit {unit}: refused by the policy, {exception_name(code)}"
         self._log.warning("refused", text)
 
     def has_no_path(self, caller: Caller, unit: int) -> None:

@@ -39,7 +39,11 @@ def test_lint_prints_line_rule_and_text(tmp_path: Path) -> None:
     ("arguments", "status", "message"),
     [
         (("lint", "nowhere.eds"), 1, "nowhere.eds: No such file or directory"),
-        (("lint", "README.md"), 2, "README.md is no EDS: it has no object and none of the sections that CiA 306 wants"),
+        (
+            ("lint", "README.md"),
+            2,
+            "README.md is no EDS: it has no object and none of the sections that CiA 306 requires",
+        ),
         (("export", "az3", "nowhere/az3.eds"), 1, "nowhere/az3.eds: No such file or directory"),
         (("export", "adxl"), 2, "adxl has no CANopen in its description"),
         (("export", "az33"), 2, "no device 'az33' in the catalogue"),

@@ -712,7 +712,7 @@ def test_a_line_is_heard_until_it_is_told_to_stop() -> None:
     terminal.close()
     assert heard.error is None
     assert time.monotonic() < give_up
-    assert heard.knows_load
+    assert heard.has_load
     assert 0 < busy < 1
     assert heard.verdicts
 
@@ -733,7 +733,7 @@ def test_a_bus_is_heard_with_its_load_until_it_fails(monkeypatch: pytest.MonkeyP
     traffic = Source("can://socketcand/127.0.0.1/can0?bitrate=1000", None)
     heard.run(partial(hear_can, traffic=traffic, monitors=monitors, diagnosis=diagnosis, is_shown=bool, file=None))
     assert str(heard.error) == "the server hung up"
-    assert [row.who for row in heard.take()] == ["node 3", "node 2", "node 1"]
+    assert [row.station for row in heard.take()] == ["node 3", "node 2", "node 1"]
     assert sum(counter["busy"] for counter in heard.rates._seconds.values()) == pytest.approx(
         3 * longest_can_frame(1) / 1000
     )

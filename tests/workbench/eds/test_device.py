@@ -9,7 +9,7 @@ from barewire.canopen.eds import EdsItem, EdsObject, Formula
 from barewire.canopen.eds.objects import ARRAY, DOMAIN, RECORD, VAR
 from barewire.devices import UnknownName
 from barewire.errors import BarewireError
-from barewire_workbench.eds.device import device_of_eds, wanted_values
+from barewire_workbench.eds.device import configured_values, device_of_eds
 from tests.canopen.eds.field_files import ODDITIES
 
 
@@ -62,13 +62,13 @@ def test_what_is_read_alone_and_what_the_device_must_say() -> None:
         "Secret": "its ObjFlags want no scan to read it",
     }
     assert device.extra["identity"] == {"device_type": 0x20192, "vendor": 0x36C, "product": 7}  # the object wins
-    assert wanted_values(device) == {}
+    assert configured_values(device) == {}
     assert device_of_eds(eds.compose([]), "empty.eds", 1).extra["identity"] == {}
 
 
 def test_what_a_dcf_wants() -> None:
     dcf = eds.to_dcf(plant(), 5, {(0x2000, 0): -100, (0x1400, 1): Formula(0x400)})
-    assert wanted_values(device_of_eds(dcf, "pump.dcf", 5)) == {
+    assert configured_values(device_of_eds(dcf, "pump.dcf", 5)) == {
         "RPDO parameter / COB-ID (1400h:01)": 0x405,
         "Speed [rpm]": -100,
     }

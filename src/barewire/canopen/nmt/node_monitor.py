@@ -62,7 +62,7 @@ class NodeMonitor:
     def feed(self, frame: CanFrame | None, now: float) -> list[None]:
         """Record a frame. Return an empty list, since there are no events.
 
-        A remote frame only counts: it has no data, and it is sent by the node that wants an answer.
+        A remote frame only counts: it has no data, and the node that requests an answer sends it.
         """
         if frame is None:
             return []

@@ -20,10 +20,9 @@ There is one transfer at a time; four kinds take more than one frame:
         BlockUpload          A3, A2, A1          -> 01 02 03 ..., C1                with a BlockSender
         BlockDownload        01 02 03 ..., C1    -> A2, A1                          with a BlockReceiver
 
-A request for another one replaces it: its client has given up the first,
-or a late request began one that no client knows of. Inside a block such a frame is a segment. Any other frame that is
-not the next one ends the transfer with 0504 0001h. If the client sends nothing for `timeout` seconds, it ends with
-0504 0000h.
+A request for another one replaces it: its client has given up the first, or a late request began one for which no
+client waits. Inside a block such a frame is a segment. Any other frame that is not the next one ends the transfer with
+0504 0001h. If the client sends nothing for `timeout` seconds, it ends with 0504 0000h.
 
 CAN may deliver a frame twice. A repeat of the frame that ended the last transfer is ignored for `timeout` seconds: an
 abort for it would reach the client in its next transfer.

@@ -72,7 +72,7 @@ _TYPES: dict[str, tuple[type, ...]] = {
 
 
 def check_value(value: Any, rule: Rule) -> None:
-    """Check a value against a rule, of which it knows the keywords that `schema.json` uses. Raises Invalid.
+    """Check a value against a rule, which may have the keywords that `schema.json` uses. Raises Invalid.
 
     >>> check_value(3, {"type": "integer", "minimum": 0, "maximum": 2})
     Traceback (most recent call last):

@@ -77,7 +77,7 @@ class PublishConfig:
     buffer: str = ":memory:"
     limit: int = 100_000
     retain: bool = False
-    """Whether the broker keeps the latest value of each parameter for those who subscribe later."""
+    """Whether the broker keeps the latest value of each parameter for clients that subscribe later."""
     home_assistant: str | None = None
     """The prefix of discovery, by default of Home Assistant `homeassistant`; None for none."""
 
@@ -248,11 +248,11 @@ class Publisher:
             return
         self._set_responds(machine.name, True)
         at, now = time.time(), asyncio.get_running_loop().time()
-        wants = self._filters[machine.name].wants
+        passes = self._filters[machine.name].passes
         rows = [
             (self._topics.parameter(machine.name, reading.name), reading_payload(reading, at))
             for reading in readings
-            if wants(reading.name, reading.value, now)
+            if passes(reading.name, reading.value, now)
         ]
         if rows:
             try:

@@ -70,7 +70,7 @@ class ValueFilter:
     Without `on_change` every value is published.
 
     >>> changes = ValueFilter(dead_band=0.5, at_least=60.0)
-    >>> [changes.wants("speed", value, now) for value, now in ((10.0, 0.0), (10.4, 1.0), (10.6, 2.0), (10.6, 62.0))]
+    >>> [changes.passes("speed", value, now) for value, now in ((10.0, 0.0), (10.4, 1.0), (10.6, 2.0), (10.6, 62.0))]
     [True, False, True, True]
     """
 
@@ -79,8 +79,8 @@ class ValueFilter:
     at_least: float = 60.0
     published: dict[str, tuple[Value, float]] = field(default_factory=dict)
 
-    def wants(self, name: str, value: Value, now: float) -> bool:
-        """Whether this value is published. Then it is what the next ones are compared with."""
+    def passes(self, name: str, value: Value, now: float) -> bool:
+        """Return whether a value is to be published. If so, the next ones are compared with it."""
         known = self.published.get(name)
         if (
             self.on_change
@@ -99,5 +99,5 @@ class ValueFilter:
         return value != known
 
     def forget(self) -> None:
-        """Publish every value again: those who listen have lost them."""
+        """Publish every value again: the broker has lost them."""
         self.published.clear()

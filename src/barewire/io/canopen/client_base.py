@@ -85,7 +85,7 @@ class KnownChannel:
 
     def __init__(self, channel: Channel) -> None:
         locks, self.keys = sdo_keys(channel)
-        self.lock = ChannelLock(locks, None, lambda: None)  # nobody waits for it: it is taken if it is free
+        self.lock = ChannelLock(locks, None, lambda: None)  # it is never waited for, only taken if it is free
         self.subscriber: Any = None
         """It stays on the bus between exchanges; of the kind that the client has."""
         self.direct: DirectPort | None = None

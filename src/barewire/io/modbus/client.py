@@ -65,7 +65,7 @@ class Connection(ConnectionBase):
         self._new_queue()
 
     def _new_queue(self) -> None:
-        # Held during an exchange. An RLock knows its owner as soon as it is acquired, whatever exception comes then.
+        # Held during an exchange. An RLock has an owner as soon as it is acquired, whatever exception comes then.
         self._line: Any = threading.RLock()  # Any: its `_is_owned`, which Condition uses too, has no type
         # Of the threads in the queue: while there are any, the line is taken in turn.
         self._tickets: set[Ticket] = set()

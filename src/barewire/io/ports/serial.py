@@ -233,7 +233,7 @@ def _open(path: str, settings: SerialSettings) -> serial.Serial:
     baudrate, stopbits = settings.baudrate, settings.stopbits
     try:
         # Exclusive, because two programs on one line would receive each other's answers. A write must end too, where
-        # nobody reads: the driver of an unplugged adapter, or a pseudo-terminal, may never take the bytes.
+        # nothing reads: the driver of an unplugged adapter, or a pseudo-terminal, may never take the bytes.
         return serial.Serial(
             path, baudrate, bytesize, parity, stopbits, timeout=0, write_timeout=5, exclusive=os.name == "posix" or None
         )

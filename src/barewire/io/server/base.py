@@ -246,8 +246,8 @@ class ServerLog(PortLog):
         if request is None:
             self.info("unit", f"{peer}: unit {unit} is not served, exception 0B")
         else:
-            who = f"role {role!r}" if role else "a client without a role"
-            self.warning("denied", f"{peer}: unit {unit}: {who} may not send {request}, exception 01")
+            client = f"role {role!r}" if role else "a client without a role"
+            self.warning("denied", f"{peer}: unit {unit}: {client} may not send {request}, exception 01")
 
 
 def ends_program(error: BaseException) -> bool:

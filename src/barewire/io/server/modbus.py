@@ -94,7 +94,7 @@ class ModbusServer(_Served, ThreadedServer):
     units           by unit address, 0..255: a `Table`, `Functions`, or any object with handle(request, now)
     authorization   the rights of each role of a TLS certificate; by default the table that the URL names as `roles`
     set_direction   called as set_direction(sending) to set the direction of a two-wire line, for example by a GPIO pin
-    ssl_context     an `ssl.SSLContext` for tls://, in place of the files of the URL; it decides who needs a certificate
+    ssl_context     an `ssl.SSLContext` for tls://, in place of the files of the URL, with a `verify_mode`
     faults          the faults in the answers: kinds and probabilities as a text, "late:0.5,drop", or a dict; faults of
                     selected answers as a text, "exception=04@20,drop@nth=5", or objects of `Fault`; by default none
                     (`barewire.io.fault_injection.faults` explains the text, `faults` lists the kinds)

@@ -86,7 +86,7 @@ class Caller:
 
     peer             its address, such as "10.0.0.7:51324"; empty on a serial line
     role             the role in its certificate; None without one
-    is_gone          whether the connection has ended, so that a response reaches nobody
+    is_gone          whether the connection has ended, so that a response reaches no client
     open_requests    how many of its requests wait for a `LaterResponse`
     """
 
@@ -467,7 +467,7 @@ class Server:
         return self._given(adu, response) if answered else None
 
     def _give(self, adu: Adu, caller: Caller, answered: bool, response: object) -> None:
-        """Send a response that comes later, unless nobody waits for it any more."""
+        """Send a response that comes later, unless its client waits no longer."""
         caller.open_requests -= 1
         pdu = self._given(adu, response)
         if pdu is None or not answered or caller.is_gone or (self.serial and adu is not self._latest):
@@ -494,7 +494,7 @@ class Server:
         return pdu
 
     def _fail(self, number: int, request: AnyRequest | None, error: BaseException) -> None:
-        """Record and report an error in the code of a unit. Raises one that ends the program, if nobody takes it."""
+        """Record and report an error in the code of a unit. Without `on_failure`, raise one that ends the program."""
         if self._on_failure is not None:
             self._on_failure(number, request, error)
         elif not isinstance(error, Exception):

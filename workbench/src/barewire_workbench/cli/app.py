@@ -154,7 +154,7 @@ def _usage_text(error: click.ClickException, arguments: list[str]) -> str:
 
 
 class _Discarded(io.TextIOWrapper):
-    """A stdout that is written to nowhere, and knows whether anything was."""
+    """A stdout that discards what is written to it, and notes that there was something."""
 
     has_lost = False
 

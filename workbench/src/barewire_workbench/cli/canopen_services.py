@@ -121,9 +121,9 @@ def nmt_command(endpoint: str, command: str, node: str | None, wait: float, veri
         text = "booted" if state.is_boot_up else state.name
         output.show(f"node {reported}: {text}", {"node": reported, "state": state.state, "text": text})
     if not reports:
-        who, guarded = (f"node {number}", ", and it did not answer") if number else ("the nodes", "")
+        addressed, guarded = (f"node {number}", ", and it did not answer") if number else ("the nodes", "")
         told = f"no heartbeat came within {wait:g} s{guarded if verify else ''}"
-        note(f"{command} was sent to {who}, which no node confirms; {told}, so the state is not known")
+        note(f"{command} was sent to {addressed}, which no node confirms; {told}, so the state is not known")
         return int(verify)
     return int(any(not _is_reached(command, state) for state in reports.values()))
 

@@ -102,7 +102,7 @@ def diagnose_command(
 
 
 class _Printer:
-    """Prints findings and verdicts, and knows the exit status that follows from them."""
+    """Prints findings and verdicts, and keeps the exit status that follows from them."""
 
     def __init__(self, output: Output, *, everything: bool) -> None:
         self.status = 0

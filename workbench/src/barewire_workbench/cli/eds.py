@@ -47,7 +47,7 @@ def lint_command(file: Path, output: Output) -> int:
     """
     document = parse(file_content(file))
     if not document.objects and REQUIRED_SECTIONS.isdisjoint(document.sections):
-        raise EncodeError(f"{file} is no EDS: it has no object and none of the sections that CiA 306 wants")
+        raise EncodeError(f"{file} is no EDS: it has no object and none of the sections that CiA 306 requires")
     findings = lint(document)
     for finding in findings:
         output.show(f"{file}:{finding}", {"file": str(file), **finding._asdict()})

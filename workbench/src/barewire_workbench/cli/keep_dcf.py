@@ -12,7 +12,7 @@ from barewire_workbench.cli.canopen import configure_node, parsed_file
 from barewire_workbench.cli.output import Output, file_content
 from barewire_workbench.cli.raw_address import RAW
 from barewire_workbench.cli.shown_frames import frames_shown
-from barewire_workbench.eds.device import wanted_values
+from barewire_workbench.eds.device import configured_values
 from barewire_workbench.live.restore_settings import check_at_rest
 from barewire_workbench.settings.dcf import dcf_of, settings_of_dcf
 from barewire_workbench.settings.rules import SettingRules
@@ -59,7 +59,7 @@ def configure(file: Path, endpoint: str, output: Output, *, dry_run: bool, store
 def _without_commands(dcf: Eds, device: Device) -> list[str]:
     """Remove the values of a DCF that are no settings, such as control words and targets, and return their names."""
     settings = {setting.name for setting in SettingRules.of(device).settings(is_can=True)}
-    left_out = [name for name in wanted_values(device) if name not in settings]
+    left_out = [name for name in configured_values(device) if name not in settings]
     for name in left_out:
         place = device.find(name).object
         assert place is not None

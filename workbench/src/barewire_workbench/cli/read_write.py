@@ -37,7 +37,7 @@ from barewire_workbench.cli.output import Output, note, output_option
 from barewire_workbench.cli.raw_address import device_with, expanded, is_raw_address, printed_number_hint, wire_address
 from barewire_workbench.cli.shown_frames import ShownFrames, frames_option, frames_shown, is_verbose
 from barewire_workbench.cli.value_text import parse_value
-from barewire_workbench.eds.device import wanted_values
+from barewire_workbench.eds.device import configured_values
 from barewire_workbench.live.read_values import (
     COLUMNS,
     ReadValue,
@@ -121,7 +121,7 @@ def read_command(
         raise click.UsageError(f"{device} has no such value that can be read over {endpoint.partition(':')[0]}")
     if timing:
         print_timing(endpoint, description)
-    configured = wanted_values(description)
+    configured = configured_values(description)
     columns = (*COLUMNS, "configuration") if configured else COLUMNS
     table = csv.DictWriter(sys.stdout, columns, restval="", lineterminator="\n") if as_csv else None
     failed = 0

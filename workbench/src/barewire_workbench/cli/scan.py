@@ -209,7 +209,7 @@ def _conclude_modbus(scan: ModbusScan, found: list[FoundUnit], output: Output) -
     if len(readable) > 3 and len(readable) == len(addresses) == len(scan.units):
         output.text(f"all {len(readable)} units answer: the server probably does not look at the unit; use the first")
     if scan.unreachable:
-        note(f"a gateway answered for {scan.unreachable} units that nobody is there")
+        note(f"a gateway answered for {scan.unreachable} units that it reaches no device")
     if scan.closed:
         note(
             f"the server closed the connection after {scan.closed} requests, as some do for units that they do not know"

@@ -299,7 +299,7 @@ class HeartbeatWatch:
         for node, intervals in self._intervals.items():
             observed = nodes[node]
             if observed.last is None or observed.longest_silence is not None or observed.configured_period is not None:
-                continue  # the monitor knows its period
+                continue  # the monitor judges a node whose period is known
             if len(intervals) > 1 and end - observed.last > _PAUSE * max(intervals):
                 yield node, observed.last
 

@@ -120,8 +120,8 @@ def diagnose_exchange(
     >>> diagnose_exchange("rtu", request, response)[0].text
     '9C41h is 40001, the number that manuals give the holding register with the address 0000h'
 
-    `values` are what the registers of the response mean, and `known` the addresses that the device has, as far as the
-    caller knows them. A broken response has no finding here; those of a broken request are returned.
+    `values` are what the registers of the response mean, and `known` the addresses that the device has, as far as they
+    are known. A broken response has no finding here; those of a broken request are returned.
     """
     asked = with_diagnosis(_EXPLAINERS[protocol](request, "request"), request, "request")
     if not asked.valid:

@@ -396,7 +396,7 @@ class LineDiagnosis:
             return
         second, self._overlap = overlap.answer_to_second.request, None
         assert second is not None
-        # It is late for a sniffer that knows one client, and not for its own.
+        # It is late if one client sends all requests, and not for its own client.
         yield from self._response(overlap.answer_to_first._replace(late=False))
         self.counts.overlaps += 1
         proof = overlap.proof(second)
@@ -632,7 +632,7 @@ class LineDiagnosis:
 
 
 def _ignore(event: SnifferEvent, protocol: ProtocolName) -> None:
-    """Take an event for nobody."""
+    """Take an event, and do nothing."""
 
 
 class ModbusLogDiagnosis:

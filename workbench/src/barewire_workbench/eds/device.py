@@ -6,7 +6,7 @@
     [DeviceInfo] VendorNumber, 1000h, 1018h         [identity]: what the device must say it is
     storable objects, 1010h                         settings, and [settings]: what stores them
 
-    DCF: ParameterValue=500                         wanted_values(device)["Producer heartbeat time"] == 500
+    DCF: ParameterValue=500                         configured_values(device)["Producer heartbeat time"] == 500
 
 A value is the raw number: an EDS has no units and no scales.
 """
@@ -88,8 +88,8 @@ def device_of_eds(eds: Eds, name: str, node: int) -> Device:
     )
 
 
-def wanted_values(device: Device) -> Mapping[str, Value]:
-    """Return what a DCF wants its device to have, by the names of the parameters; of any other device nothing."""
+def configured_values(device: Device) -> Mapping[str, Value]:
+    """Return the values of a DCF by the names of the parameters; of any other device nothing."""
     wanted: Mapping[str, Value] = device.extra.get(_WANTED, {})
     return wanted
 

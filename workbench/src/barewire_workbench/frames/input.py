@@ -201,7 +201,7 @@ def _may_be_decimal(numbers: list[str], listed: bool) -> bool:
     if len(numbers) < 2 or not all(_NUMBER.fullmatch(token) for token in numbers):
         return False
     if any(len(token) > 1 and token.lstrip("-")[0] == "0" for token in numbers):
-        return False  # 01 03: nobody writes decimal numbers with zeros in front
+        return False  # 01 03: decimal numbers are not written with zeros in front
     if any(token.startswith("-") for token in numbers) and not listed:
         return False  # 01 -03: a dash between bytes
     if max(map(len, numbers)) > 4:

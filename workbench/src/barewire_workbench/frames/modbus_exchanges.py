@@ -194,12 +194,12 @@ _SHOWN = 12
 class PairedExchange(NamedTuple):
     """A request and what became of it, or bytes without a frame; `str` is its line.
 
-    `who` is "unit 1", "all" or "noise". `wrong`: refused, late, not answered, or not a frame. `events` are its frames
-    and the noise in place of them. `seconds` is the time until its answer, if that is known.
+    `station` is "unit 1", "all" or "noise". `wrong`: refused, late, not answered, or not a frame. `events` are its
+    frames and the noise in place of them. `seconds` is the time until its answer, if that is known.
     """
 
     at: float
-    who: str
+    station: str
     text: str
     wrong: bool
     events: tuple[SnifferEvent, ...]
@@ -210,7 +210,7 @@ class PairedExchange(NamedTuple):
     def __str__(self) -> str:
         at = f"{self.at:.6f}  " if self.timed else ""
         after = "" if self.seconds is None else f", after {1e3 * self.seconds:.1f} ms"
-        return f"{at}{self.who:<6}  {self.text}{after}{self.remark}"
+        return f"{at}{self.station:<6}  {self.text}{after}{self.remark}"
 
 
 class _Row:
@@ -318,25 +318,25 @@ class Exchanges:
         events: tuple[SnifferEvent, ...] = (event,)
         match event:
             case RequestSeen():
-                who, text = "all", f"{explain_pdu(event.pdu, 'request').summary} (broadcast)"
+                station, text = "all", f"{explain_pdu(event.pdu, 'request').summary} (broadcast)"
             case AmbiguousFrame():
                 summary = explain_pdu(event.pdu, "request").summary
-                who, text = f"unit {event.unit}", f"{summary} -> seen once: the request or its echo"
+                station, text = f"unit {event.unit}", f"{summary} -> seen once: the request or its echo"
             case NoiseSeen():
                 digits = _clipped(event.noise.data.hex(" ").upper().split())
-                who, text, wrong = "noise", f"{digits} ({event.noise.text})", True
+                station, text, wrong = "noise", f"{digits} ({event.noise.text})", True
             case ResponseSeen(request=None):
                 summary = explain_pdu(event.pdu, "response").summary
-                who, text = f"unit {event.unit}", f"(request not seen) -> {summary}"
+                station, text = f"unit {event.unit}", f"(request not seen) -> {summary}"
             case ResponseSeen(request=RequestSeen() as request):
                 requested = explain_pdu(request.pdu, "request").summary
                 late = f"{1e3 * (event.at - request.at):.1f} ms after its request, and " if self._timed else ""
                 values = self._values(request, event)
                 text = f"{requested} -> {values}, late: {late}after the next one"
-                who, wrong, events = f"unit {event.unit}", True, (request, event)
+                station, wrong, events = f"unit {event.unit}", True, (request, event)
             case ResponseMissing() | RecordingEnds():
                 return self._unanswered(event)
-        return PairedExchange(event.at, who, text, wrong, events, timed=self._timed)
+        return PairedExchange(event.at, station, text, wrong, events, timed=self._timed)
 
     def _time(self, at: float) -> str:
         return f"{at:.6f}  " if self._timed else ""

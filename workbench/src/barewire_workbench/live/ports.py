@@ -1,7 +1,7 @@
 """The ports of this machine: serial ports and CAN interfaces, each with the URL to use it.
 
-Serial ports are those that pyserial lists. Who holds a port is read from /proc, and CAN interfaces from /sys and from
-`ip` (both Linux); python-can names the adapters that it can find by itself.
+Serial ports are those that pyserial lists. The program that holds a port is read from /proc, CAN interfaces from /sys
+and `ip` (all on Linux); python-can names the adapters that it can find by itself.
 """
 
 from __future__ import annotations
@@ -27,7 +27,7 @@ of socketcand."""
 
 
 class FoundPort(NamedTuple):
-    """A port: its URL, what it is, its USB identity or bit rate, and who holds it."""
+    """A port: its URL, what it is, its USB identity or bit rate, and what holds it."""
 
     url: str
     description: str
@@ -85,7 +85,7 @@ def holders(device: str, processes: Path = Path("/proc")) -> tuple[str, ...]:
     place = os.path.realpath(device)
     names = []
     for folder in sorted(processes.glob("[0-9]*"), key=lambda folder: int(folder.name)):
-        with suppress(OSError):  # the process ended, or belongs to somebody else
+        with suppress(OSError):  # the process ended, or belongs to another user
             if any(os.path.realpath(link) == place for link in (folder / "fd").iterdir()):
                 names.append(f"{(folder / 'comm').read_text().strip()} ({folder.name})")
     return tuple(names)

@@ -34,7 +34,7 @@ COLUMNS = ("name", "value", "unit", "text", "error")
 
 
 class ReadValue(NamedTuple):
-    """A parameter with what was read, or why it was not; `configured` is what a DCF wants the device to have."""
+    """A parameter with what was read, or why it was not; `configured` is the value of a DCF."""
 
     parameter: Parameter
     reading: Reading | None

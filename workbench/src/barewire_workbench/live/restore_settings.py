@@ -1,4 +1,4 @@
-"""Write saved settings to a machine, in the order that its manual wants.
+"""Write saved settings to a machine, in the order that its manual requires.
 
     restore = Restore(drive, saved, url)
     for change in restore.run():

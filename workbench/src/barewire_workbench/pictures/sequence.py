@@ -1,4 +1,4 @@
-"""A sequence diagram: who sent what to whom, and when.
+"""A sequence diagram: the messages between stations, and their times.
 
        time        client          unit 1
        1.000000       |-------------->|        Read Holding Registers, 2 from 0000h   03 00 00 00 02

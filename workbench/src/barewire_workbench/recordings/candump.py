@@ -1,4 +1,4 @@
-"""CAN frames in the notation of candump: its output, and a frame that somebody typed.
+"""CAN frames in the notation of candump: its output, and a frame that was typed.
 
 **The output of candump: reads all its forms, writes its log**
 

@@ -149,7 +149,7 @@ class PeerReplay:
             with suppress(BarewireError):
                 objects.set(*place, objects.entry(*place).codec.decode(value.data))
 
-    # Who sends a frame
+    # The sender of a frame
 
     def _is_boot_up(self, item: RecordedItem) -> bool:
         return isinstance(item, Recorded) and str(item.frame) == f"{0x700 + self.node:03X}#00"

@@ -207,7 +207,7 @@ def learn_line(events: Iterable[SnifferEvent], *, limit: int = ANSWERS_LIMIT) ->
             case ResponseMissing(request=request):
                 exchanges[id(request)] = _Exchange(request, None)
             case RecordingEnds():
-                pass  # nobody knows what its answer would have been
+                pass  # its answer is not known
             case RequestSeen(unit=address, transaction=transaction):
                 line.broadcasts += address == BROADCAST and transaction is None
             case NoiseSeen():

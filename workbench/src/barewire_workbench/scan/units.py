@@ -1,7 +1,7 @@
 """Ask the units of a Modbus line one after the other, and record every sign of life.
 
     unit 1   01 03 00 00 00 01 84 0A  ->            read holding register 0: a request that changes nothing
-                                                    nothing within the time-out: nobody there
+                                                    nothing within the time-out: no unit
     unit 2   02 03 00 00 00 01 84 39  ->
                                       <-  02 83 02  an exception: a unit is there
     unit 3   03 03 00 00 00 01 85 E8  ->
@@ -12,7 +12,7 @@
     unit 5   05 03 00 00 00 01 85 8E  ->
                                       <-  04 03 02 ..         unit 4 is there, and slow
 
-Behind a gateway the exceptions 0A and 0B say that nobody is there. They are the gateway's own.   [MB-APP 7]
+Behind a gateway the exceptions 0A and 0B say that there is no unit. They are the gateway's own.   [MB-APP 7]
 
 On a serial line a device that answers late cannot be mistaken for another, because its address is in the answer. So
 there is no waiting for late answers: a scan takes one time-out for each unit.

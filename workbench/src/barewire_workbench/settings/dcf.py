@@ -6,7 +6,7 @@ from barewire.canopen.eds import Eds, to_dcf
 from barewire.canopen.eds.value_syntax import Expression
 from barewire.devices import Device
 from barewire.errors import EncodeError
-from barewire_workbench.eds.device import wanted_values
+from barewire_workbench.eds.device import configured_values
 from barewire_workbench.eds.storable import formulas
 from barewire_workbench.settings.rules import SettingRules, without_unmapped
 from barewire_workbench.settings.saved import SavedSettings, saved_value, value_of
@@ -14,7 +14,7 @@ from barewire_workbench.settings.saved import SavedSettings, saved_value, value_
 
 def settings_of_dcf(device: Device) -> SavedSettings:
     """Return the settings that the DCF of a device has. Raises EncodeError if it has none, which is an EDS."""
-    wanted = wanted_values(device)
+    wanted = configured_values(device)
     if not wanted:
         raise EncodeError(f"{device.name}: the file has no ParameterValue: expected a DCF")
     saved = SavedSettings(device.name, device.name, device.title)

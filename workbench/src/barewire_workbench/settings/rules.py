@@ -1,4 +1,4 @@
-"""Which values of a described device are settings, and what its manual wants when they are written.
+"""Which values of a described device are settings, and what its manual requires when they are written.
 
 The table [settings] of a description (`catalog/README.md` of `barewire.devices`) becomes `SettingRules`:
 

@@ -230,10 +230,10 @@ def _arbitration(sent: Sequence[CanBits]) -> Steps:
 
 
 def _event(beaten: Sequence[int], names: Sequence[str], *, collides: bool) -> str:
-    who = ", ".join(names[place] for place in beaten)
+    nodes = ", ".join(names[place] for place in beaten)
     if collides:
-        return f"bit error in {who}"
-    return f"{who} loses" if len(beaten) == 1 else f"{who} lose" if beaten else ""
+        return f"bit error in {nodes}"
+    return f"{nodes} loses" if len(beaten) == 1 else f"{nodes} lose" if beaten else ""
 
 
 def _verdict(sent: Sequence[CanBits], names: Sequence[str], winner: int | None, collision: int | None) -> str:

@@ -46,8 +46,8 @@ class Curve(NamedTuple):
 
 
 def broken(curve: Curve) -> Curve:
-    """Return the curve with a break, a further NaN, wherever more than three intervals lie between two rows: nobody
-    knows what was there.
+    """Return the curve with a break, a further NaN, wherever more than three intervals lie between two rows: what
+    was there is not known.
 
     >>> rows = [datetime(2026, 11, 28, 3, 0, second) for second in (0, 1, 2, 6, 7)]
     >>> broken(Curve("Speed", "rpm", rows, [1.0, 2.0, 3.0, 4.0, 5.0])).values

@@ -108,7 +108,7 @@ _SETTING = frozenset(
         *(Place(module, "*.__repr__") for module in ("barewire.codecs.layout", _LINE, "barewire.modbus.client.bus")),
     }
 )
-"""A better text of the error of those who set a field of a message, which is frozen; and short texts of objects."""
+"""A better text of the error for setting a field of a message, which is frozen; and short texts of objects."""
 
 TEXTS = {
     "barewire.rtu.crc": """CRC-16 of Modbus RTU: polynomial x^16 + x^15 + x^2 + 1, reflected, from FFFFh.

@@ -177,7 +177,7 @@ class StepperAxis(Cia402Axis):
         self.context, self.store, self.shaft, self.inputs = context, context.store, shaft, inputs
         # Option code 5 (ch. 11, transitions 12 and 16)
         super().__init__(StepperSettings(context.store), stays_in_quick_stop=True, power_delay=_POWER_DELAY)
-        shaft.on_following_error = self._react_to_following_error  # the shaft is made first, and knows no axis
+        shaft.on_following_error = self._react_to_following_error  # the shaft is made first, without an axis
 
     def restart(self) -> None:
         """Set every state as at power-on of the logic."""

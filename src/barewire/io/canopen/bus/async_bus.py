@@ -274,7 +274,7 @@ class LoopReader:
         return f"<{type(self).__name__} of {getattr(self._bus.port, 'name', 'the bus')}>"
 
     def keep_times(self) -> None:
-        """Deliver frames with the time at which they arrived, if the port knows it, instead of the present time."""
+        """Deliver frames with the time at which they arrived, if the port has it, instead of the present time."""
         keep_times = getattr(self._bus.port, "keep_times", None)
         if keep_times is not None:
             keep_times()

@@ -1,8 +1,8 @@
 """A port for one conversation that reads a shared bus itself.
 
-A conversation to which nobody else listens needs no queue, and no reader thread: `DirectPort` reads the bus itself.
+A conversation that is alone on a bus needs no queue and no reader thread: `DirectPort` reads the bus itself.
 
-        conversation  ->  DirectPort  ->  port of the bus               one thread: nobody is woken
+        conversation  ->  DirectPort  ->  port of the bus               one thread: none is woken
         a second listener comes: the reader thread of the bus starts, and reads when this port does not
         conversation  ->  DirectPort  ->  Subscriber  <-  reader        from here as every other subscriber
 
@@ -35,8 +35,8 @@ class DirectPort:
     node = False
 
     def __init__(self, bus: FrameBus, reading: threading.Lock, keys: frozenset[Key] | None) -> None:
-        """`reading`: the lock of whoever reads; this port holds it only inside `receive`, since between two calls the
-        caller's functions may take long."""
+        """`reading`: held by the thread that reads the bus; by this port only inside `receive`, since the functions of
+        the caller may take long between two calls."""
         self.inbox: deque[CanFrame] = deque(maxlen=SUBSCRIBER_ROOM)
         self._bus = bus
         self._reading = reading
@@ -58,7 +58,7 @@ class DirectPort:
     def __repr__(self) -> str:
         return f"<{type(self).__name__} of {self._bus.name}>"
 
-    def wants(self, frame: CanFrame) -> bool:
+    def receives(self, frame: CanFrame) -> bool:
         """Return whether the conversation receives this frame."""
         return self._keys is None or (frame.id, frame.extended) in self._keys
 
@@ -120,8 +120,7 @@ class DirectPort:
         until = clock() + timeout
         give_up = until + _BACKLOG
         why = None
-        # Whoever holds the lock is the reader thread, which was started for another listener: then this becomes a
-        # subscriber, too.
+        # If the lock is held, the reader thread was started for another listener: this becomes a subscriber, too.
         if self._reading.acquire(blocking=False):
             try:
                 while not bus.has_reader:
@@ -137,7 +136,7 @@ class DirectPort:
                         break
                     if item is not None and bus.take(item):
                         frame: CanFrame = item  # type: ignore[assignment]  # `take` is False for a report
-                        if self.wants(frame):
+                        if self.receives(frame):
                             return frame
                     timeout = until - clock()
                     if timeout <= 0.0:

@@ -99,7 +99,7 @@ def check_node_is_free(bus: FrameBus, machine: object) -> None:
 def node_ids(machine: object) -> frozenset[int]:
     """Return the node-IDs of a whole node, of a simulated one, or of a group. Other machines, such as a heartbeat
     producer, may serve a node that is on the bus."""
-    from barewire.canopen import LocalNode, NodeGroup  # not at the top: only who hosts a node needs them
+    from barewire.canopen import LocalNode, NodeGroup  # not at the top: few programs host a node
 
     machine = machine.served if isinstance(machine, SharedNode) else machine
     if isinstance(machine, NodeGroup):

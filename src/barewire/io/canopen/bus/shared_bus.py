@@ -4,9 +4,9 @@
         port --> reader --+--> subscriber 081h ... 0FFh     a stream of emergencies
                           +--> subscriber of all            a scan
 
-Who reads the port:
+What reads the port:
 
-        nobody                  until somebody listens, if the system keeps frames meanwhile; only of a lazy bus
+        nothing                 until the first listener, if the system keeps frames meanwhile; only of a lazy bus
         one conversation        a blocking client that is alone reads by itself: `DirectPort`
         one subscriber          the stream of frames of a blocking client that is alone: `read_alone`
         one event loop          asyncio clients of this loop are alone, on a port with a descriptor: `LoopReader`
@@ -193,7 +193,7 @@ class CanBus(SubscriberTable):
         return sent
 
     def _is_alone(self, sender: Sender | None) -> bool:
-        """Return whether a frame of this sender, which is no node, reaches nobody else here."""
+        """Return whether a frame of this sender, which is no node, reaches no other subscriber."""
         if sender is None or sender.node or not (self._direct is None or self._direct is sender):
             return False
         return not self.subscribers or self.subscribers == {sender}
@@ -204,7 +204,7 @@ class CanBus(SubscriberTable):
         """Add a subscriber. Raises PortError if the bus failed and the subscriber cannot wait for it."""
         listens = subscriber.reports or subscriber.keys != _NO_KEYS
         # What waits in the port came before the new listener, which must not take it for an answer. A loop that reads
-        # leaves nothing there; but a stream, and who receives all frames, would see what it has not read yet.
+        # leaves nothing there; but streams, and subscribers of all frames, would get what it has not read yet.
         if listens and self._reader is None and (self.loop_reader is None or subscriber.reports or not subscriber.keys):
             self._discard_old()
         with self._changing:
@@ -250,7 +250,7 @@ class CanBus(SubscriberTable):
         with self._locking:
             self._locks.release(lock)
 
-    # Who reads
+    # The reader thread
 
     def _start_reader(self, failure: str | None) -> None:
         """Start the reader thread, unless it runs. `failure`: why the port failed for a conversation that read it."""
@@ -417,7 +417,7 @@ class CanBus(SubscriberTable):
             self.loop_reader.keep_times()
 
     def _discard_old(self) -> None:
-        """Read the frames that arrived before a new listener came: those that nobody gets are for the node monitor."""
+        """Read the frames that came before a new listener. Those without a subscriber are for the node monitor."""
         if not self.reading.acquire(blocking=False):
             return  # a conversation reads
         try:
@@ -465,7 +465,7 @@ class CanBus(SubscriberTable):
             return
         with self._changing:  # `_direct` may become a subscriber now
             direct = self._direct
-            if direct is not None and direct.wants(frame):
+            if direct is not None and direct.receives(frame):
                 direct.inbox.append(frame)
             self.put(frame, at, sender)
 
@@ -516,7 +516,7 @@ class CanBus(SubscriberTable):
         opened = self._reopening.reopen(self.port, why)
         if opened is None:
             return False
-        with self._sending:  # who sends uses the port and its `try_send` together
+        with self._sending:  # a sender uses the port and its `try_send` together
             self.port, first = opened
             self._receive, self._try_send = receiver(self.port), getattr(self.port, "try_send", None)
             self.has_frames = getattr(self.port, "has_frames", None)
@@ -531,7 +531,7 @@ class CanBus(SubscriberTable):
     # Waiting for a bus that is opened again
 
     def _wake(self) -> None:
-        """Wake those who wait until the bus is open."""
+        """Wake the threads and tasks that wait until the bus is open."""
         with self._changing:
             awaiting, self._awaiting = self._awaiting, set()
         for wake in awaiting:
@@ -569,7 +569,7 @@ class CanBus(SubscriberTable):
         if self._reopening is not None:
             self._reopening.stop.set()
         alone = self._alone
-        # Subscribers are told first, so that whoever reads ends its read; the port is closed when nobody reads it.
+        # Subscribers are told first, so that the one that reads ends its read; only then the port is closed.
         self._fail(f"{self.name}: the bus was closed")
         if alone is not None and self._watch is None and self.reading.acquire(timeout=1.0):
             self.reading.release()  # the thread that read for itself has noticed the end

@@ -1,4 +1,4 @@
-"""Who receives the frames of a shared bus: subscribers, for one thread each, and streams of events.
+"""The receivers of the frames of a shared bus: subscribers, for one thread each, and streams of events.
 
         put -->  [ frame | frame | frame | ... room ]  --> pull       one thread or task takes them
                                               12 lost                 counted, and reported as FramesLost
@@ -95,7 +95,7 @@ class Arrived(NamedTuple):
 
 
 class FrameBus(Protocol):
-    """The operations of `CanBus` that subscribers, and those who read it by themselves, use. It describes them."""
+    """The operations of `CanBus` that subscribers and the other files here use."""
 
     name: str
     port: Port[CanFrame]
@@ -144,7 +144,7 @@ class Subscriber:
     reports     it also receives `FramesLost` and reports of the controller, and continues when the bus is opened again;
                 without, it fails with the bus
     node        its frames are those of a node, not of a client
-    alone       the thread that takes its frames may read the bus itself while nobody else listens; frames then wait in
+    alone       the thread that takes its frames may read the bus itself while nothing else listens; frames then wait in
                 the port until they are taken, and have the time at which they were taken
     """
 
@@ -347,7 +347,7 @@ class SubscriberTable:
 
     def __init__(self) -> None:
         self.subscribers: set[Subscriber] = set()
-        # The tuples are replaced, never changed in place: who delivers takes no lock.
+        # The tuples are replaced, never changed in place: delivery takes no lock.
         self._by_id: dict[bool, dict[int, tuple[Subscriber, ...]]] = {False: {}, True: {}}
         self._of_all: tuple[Subscriber, ...] = ()
 

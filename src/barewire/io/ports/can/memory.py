@@ -29,7 +29,7 @@ class MemoryPort:
     """An open port on a bus in memory. `lost` counts frames for which it had no room."""
 
     keeps_frames = True
-    """A limited number of frames is held while nobody reads."""
+    """A limited number of frames is held while nothing reads."""
     own_frames = False
     """`receive` does not return the frames that were sent here."""
 

@@ -78,7 +78,7 @@ class SocketCanPort:
     """
 
     keeps_frames = True
-    """The system holds a limited number of frames while nobody reads."""
+    """The system holds a limited number of frames while nothing reads."""
 
     def __init__(self, endpoint: Endpoint, *, stamps: bool = False, opened: socket.socket | None = None) -> None:
         """`opened` is used in place of a raw CAN socket: any socket of datagrams, each of which is a frame."""

@@ -57,7 +57,7 @@ _XOFF, _XON = 0x13, 0x11
 
 REAL_LINE_LAB = Lab(
     *(11, "A real line"),
-    "Find out from the log of a real line who talks on it, and which bytes never reached the computer.",
+    "Find out from the log of a real line which stations send on it, and which bytes never reached the computer.",
     *(30, "11-a-real-line.md"),
     devices=("barewire lab 11 recordings",),
 )
@@ -80,7 +80,7 @@ def _middle(answer: str) -> AnswerCheck:
 
 
 @REAL_LINE_LAB.ask(
-    f"The program of this log asks unit {_POLLED} only. Which two units does somebody else ask?",
+    f"The program of this log asks unit {_POLLED} only. Which two units does another client ask?",
     "two decimal numbers",
     " ".join(map(str, _OTHERS)),
 )

@@ -79,7 +79,7 @@ class _KeptFrames(ShownFrames):
 
 
 class PanelLine:
-    """A machine that is polled for whoever looks. `turn` does what is due now; `run` repeats it in a thread."""
+    """A machine that is polled while a page shows it. `turn` does what is due now; `run` repeats it in a thread."""
 
     def __init__(
         self,

@@ -124,7 +124,7 @@ class PanelServer:
 
     async def _handle(self, reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
         """Answer one request, then close."""
-        with suppress(Exception):  # bytes that are no HTTP, a browser that has gone: there is nobody to tell
+        with suppress(Exception):  # bytes that are no HTTP, a browser that has gone: nothing can be sent
             stream: Any = writer
             async with asyncio.timeout(_TIMEOUT):
                 request = await Request.create(self._app, reader, stream, writer.get_extra_info("peername"))

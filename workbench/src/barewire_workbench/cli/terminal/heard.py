@@ -74,7 +74,7 @@ class Row(NamedTuple):
     CAN, for a recording."""
 
     at: float
-    who: str
+    station: str
     what: str
     text: str
     wrong: bool
@@ -116,7 +116,7 @@ class Filter(NamedTuple):
 
     def fits(self, row: Row) -> bool:
         """Return whether a row is shown."""
-        if (self.errors and not row.wrong) or (self.unit and row.who.rpartition(" ")[2] != self.unit):
+        if (self.errors and not row.wrong) or (self.unit and row.station.rpartition(" ")[2] != self.unit):
             return False
         if self.function and self.function != row.function:
             # The text of an exchange begins with the name of its function; `what` is a service, or begins with a digit.
@@ -166,13 +166,13 @@ class HeardRows:
         self.live, self.limit = live, limit
         self.timed = True
         self.noun = "exchanges"
-        self.heading = {"who": "who", "what": "after"}
+        self.heading = {"station": "unit", "what": "after"}
         self.total = self.errors = self.dropped = 0
         self.findings: deque[LogFinding] = deque(maxlen=_FINDINGS)
         self.found = 0
         self.verdicts: list[str] = []
         self.rates = Rates()
-        self.knows_load = False
+        self.has_load = False
         self.ended = False
         self.error: BaseException | None = None
         self._incoming: deque[Row] = deque()
@@ -196,7 +196,7 @@ class HeardRows:
 
     def load(self, at: float, seconds: float) -> None:
         """Count the seconds for which a frame has occupied the line or bus."""
-        self.knows_load = True
+        self.has_load = True
         with self._lock:
             self.rates.count(at, busy=seconds)
 
@@ -320,7 +320,7 @@ class _ModbusRows:
             self._heard.put(
                 Row(
                     exchange.at,
-                    exchange.who,
+                    exchange.station,
                     after,
                     f"{exchange.text}{exchange.remark}",
                     exchange.wrong,
@@ -383,7 +383,7 @@ def hear_can(
     file: RecordingFile | None,
 ) -> None:
     """Read a bus or a recording of CAN to its end, or until `traffic.stop`."""
-    heard.noun, heard.heading = "events", {"who": "node", "what": "service"}
+    heard.noun, heard.heading = "events", {"station": "node", "what": "service"}
     bitrate = int(traffic.endpoint.options.get("bitrate", 0)) if traffic.endpoint is not None else 0
 
     def items() -> Iterator[RecordedItem | float]:
@@ -437,9 +437,9 @@ class KeepingMonitors(BusMonitors):
             explained = partial(list, frames_now)
         several = len(self.monitors) > 1 and bus
         node, service, text = event_columns(event)
-        who, line = (f"{bus} {node}", f"{bus}  {event_line(event)}") if several else (node, event_line(event))
+        station, line = (f"{bus} {node}", f"{bus}  {event_line(event)}") if several else (node, event_line(event))
         origin = tuple(kept.item for kept in frames)
-        return Row(event.at, who, service, text, is_wrong(event), event_kind(event), line, origin, explained)
+        return Row(event.at, station, service, text, is_wrong(event), event_kind(event), line, origin, explained)
 
 
 class _KeptFrame(NamedTuple):

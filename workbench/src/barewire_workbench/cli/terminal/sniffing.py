@@ -89,7 +89,7 @@ w          write the rows that are shown as a recording
         self._below: object = self  # the row that is explained; of none at first
         self._lines_below: list[tuple[str, bool]] | None = None
         self._diagnosing = False
-        self._widths = {"time": 12 if heard.live else 4, "who": 4, "what": 5}
+        self._widths = {"time": 12 if heard.live else 4, "station": 4, "what": 5}
 
     def compose(self) -> ComposeResult:
         """Make the parts of the screen."""
@@ -135,7 +135,7 @@ w          write the rows that are shown as a recording
     def _cells(self, row: Row) -> dict[str, str]:
         """Return the narrow columns of a row; without a time if the recording has none."""
         time = {"time": self._time(row.at)} if self.heard.timed else {}
-        return time | {"who": row.who, "what": row.what}
+        return time | {"station": row.station, "what": row.what}
 
     def _time(self, at: float) -> str:
         """Return a time of day; of a recording, its own."""
@@ -154,7 +154,7 @@ w          write the rows that are shown as a recording
             (f"{heard.per_second('rows'):.1f}/s", ""),
             (f"{heard.errors} wrong{share}", WRONG if heard.errors else ""),
         ]
-        if heard.knows_load:
+        if heard.has_load:
             parts.append((f"busy {100 * heard.per_second('busy'):.0f} %", ""))
         if dropped := self.dropped + heard.dropped:
             parts.append((f"{dropped} dropped", WRONG))

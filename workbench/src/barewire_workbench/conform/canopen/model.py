@@ -34,7 +34,7 @@ tries         needs the values after a reset and changes nothing in a right devi
 writes        writes objects, which a reset of the communication restores
 commands      starts, stops and resets it, sends process data, and sends in the name of another node
 stores        writes its non-volatile memory
-power         does so, and waits until somebody has switched the device off and on
+power         does so, and waits until you have switched the device off and on
 application   writes objects of the application: a machine may move, outputs may switch
 """
 SILENCE = ""

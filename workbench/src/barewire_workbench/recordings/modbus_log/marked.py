@@ -1,6 +1,6 @@
 """Logs of any program: a direction and bytes in a line, or a heading and the bytes below it.
 
-**Decides for a whole log what its lines leave open: decimal or hexadecimal, the protocol, who is the client**
+**Decides for a whole log what its lines leave open: decimal or hexadecimal, the protocol, which side is the client**
 
 Whole frames decide: those with a good CRC, a good LRC, or a header with the right length. What they do not prove stays
 None, and the sniffer judges each frame by its shape.
@@ -131,7 +131,7 @@ def is_decimal(entries: list[LogEntry]) -> bool:
 
 def recorder_is_client(entries: Sequence[LogEntry], protocol: ProtocolName | None) -> bool | None:
     """Return whether the recording program is the client: it sent requests, or received responses. Requests and
-    responses to a write are equal: if there are only these, the client is who began. None if no frame shows it."""
+    responses to a write are equal: of these alone, the first one is a request. None if no frame shows it."""
     votes, began = 0, None
     for entry in entries:
         pdu = None if entry.data is None or protocol is None else frame_pdu(protocol, entry.data)

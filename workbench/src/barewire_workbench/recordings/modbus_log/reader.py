@@ -1,7 +1,7 @@
 """The one place where the form of a recording of Modbus is recognised: `read_modbus_log`.
 
-A capture has TCP segments, which are put in order, and RTU frames in datagrams. Of a text, each form reads the lines
-that it knows. The lines of a form with words of its own (pymodbus, libmodbus ...) belong to it; where two of these read
+A capture has TCP segments, which are put in order, and RTU frames in datagrams. Of a text, each form reads its own
+lines. The lines of a form with words of its own (pymodbus, libmodbus ...) belong to it; where two of these read
 different bytes in one line, nothing is guessed: that is an error. The remaining lines with a direction are read by
 `marked`, those with a time and bytes only by `parse_log`. What is left becomes an `Unread`, or, in a log of bytes only,
 an error with its line.
@@ -179,7 +179,7 @@ _DUMP_WHOLE = 0x4_0000
 _LONGEST_LINE = 20_000
 """Characters; no form looks into a longer line."""
 _GENERAL: dict[str, Callable[[list[str]], FormContent]] = {"blocks": read_blocks, "marked": read_marked}
-"""Forms of many programs, for the lines that no other form knows."""
+"""Forms of many programs, for the lines that no other form has read."""
 _SHORTEST = 4
 """Bytes of the shortest frame."""
 _LINES_MAX = 20
@@ -432,7 +432,7 @@ class _LogReader:
                     break
 
     def _assembled(self, form: str, entries: list[LogEntry], left: list[tuple[int, str]]) -> ModbusLog:
-        """Return the log of these entries; `left` are the lines that no form knows.
+        """Return the log of these entries; `left` are the lines that no form has read.
 
         Raises DecodeError if no frame is in it and more lines are left than read: that is no log of Modbus.
         """

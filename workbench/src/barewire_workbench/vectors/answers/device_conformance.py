@@ -29,7 +29,7 @@ LARGE: Final = (0x2100, 0)
 ADDRESS: Final = LssAddress(0x0000_0360, 0x1234, 0x0001_0002, 7)
 _RESPONSE_TIME = 0.001
 _SWITCHED_OFF_AFTER = 60.0
-"""A step that waits longer waits for somebody to switch the device off and on: it is done after a second."""
+"""A step that waits longer is for switching the device off and on by hand: it is done after a second."""
 
 Result = TypeVar("Result")
 
