@@ -249,7 +249,10 @@ def _type_and_words(text: str, type_name: str) -> tuple[str, int]:
     """Return a type and the registers that it takes: text8 is text in 8 registers."""
     match = re.fullmatch(r"text(\d*)", type_name)
     if match is None:
-        return type_name, 1 if _type(text, type_name) == "bool" else max(1, codec(type_name).size // 2)
+        if type_name not in _TYPES:
+            expected = f"expected one of {', '.join(_TYPES)}, or textN in registers{suggest(type_name, _TYPES)}"
+            raise EncodeError(f"{shown(text)}: type {shown(type_name)}: {expected}")
+        return type_name, 1 if type_name == "bool" else max(1, codec(type_name).size // 2)
     words = int(match[1][:9] or 0)  # more digits are too many registers anyway, and `int` refuses thousands of them
     if not 1 <= words <= _REGISTERS_MAX:
         expected = f"expected text1..text{_REGISTERS_MAX}, text in that number of registers"
@@ -278,14 +281,6 @@ def _type_in_cia_301(index: int, sub: int) -> str:
     types = {(entry.index, entry.sub): entry.type for entry in standard_objects(name="name", servers=2)}
     is_record = any(index == known for known, _ in types)
     return types.get((index, sub)) or ("u8" if sub == 0 and is_record else "")  # sub-index 0 is the number of entries
-
-
-def _type(text: str, type_name: str) -> str:
-    """Return the type of a value in registers or coils, if it is one."""
-    if type_name not in _TYPES:
-        expected = f"expected one of {', '.join(_TYPES)}, or textN in registers"
-        raise EncodeError(f"{shown(text)}: type {shown(type_name)}: {expected}{suggest(type_name, _TYPES)}")
-    return type_name
 
 
 def _number(text: str, digits: str, most: int, base: int = 10) -> int:

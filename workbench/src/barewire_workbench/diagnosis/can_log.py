@@ -243,7 +243,7 @@ CODE_OF_RULE: dict[str, DiagnosisCode] = {
     "EMCY-REGISTER": "emcy-register",
     "ID-RESERVED": "foreign-cob-id",
     "PDO-NOT-OPERATIONAL": "state",
-    "STOPPED-TALKS": "state",
+    "STOPPED-SENDS": "state",
     "SDO-LENGTH": "cut-frame",
 }
 """Rule of the monitor -> code of a finding. Other rules are findings with the code `bus-rule`."""

@@ -62,7 +62,7 @@ BUS_RULES: dict[str, BusRule] = {
     "NMT-COMMAND": BusRule("CiA 301, NMT", "the command is 01, 02, 80, 81 or 82"),
     "NMT-NODE": BusRule("CiA 301, NMT", "a command is for a node 1 to 127, or for all with 0"),
     "NMT-NOT-OBEYED": BusRule("CiA 301, NMT", "a node goes to the state that it is commanded to"),
-    "STOPPED-TALKS": BusRule("CiA 301, NMT states", "a stopped node sends no SDO, PDO or EMCY"),
+    "STOPPED-SENDS": BusRule("CiA 301, NMT states", "a stopped node sends no SDO, PDO or EMCY"),
     "PDO-NOT-OPERATIONAL": BusRule("CiA 301, NMT states", "a node sends PDOs in the state operational only"),
     "HEARTBEAT-LENGTH": BusRule("CiA 301, heartbeat", "error control has 1 byte"),
     "HEARTBEAT-STATE": BusRule("CiA 301, heartbeat", "the state is 00, 04, 05 or 7F"),

@@ -143,7 +143,7 @@ class NodeTracker:
         state = self.state(number, now) if sent_by_node else None
         rule = None
         if state == NmtState.STOPPED:
-            rule = "STOPPED-TALKS"
+            rule = "STOPPED-SENDS"
         elif state == NmtState.PRE_OPERATIONAL and "PDO" in service:
             rule = "PDO-NOT-OPERATIONAL"
         if state is None or rule is None or rule in self.nodes[number].reported:
@@ -182,7 +182,7 @@ class NodeTracker:
         elif before is None:
             events.append(NodeReport(now, number, "heard", state, None, None, answers))
         elif state != before:
-            node.reported -= {"STOPPED-TALKS", "PDO-NOT-OPERATIONAL"}
+            node.reported -= {"STOPPED-SENDS", "PDO-NOT-OPERATIONAL"}
             events.append(NodeReport(now, number, "state", state, before, since, answers))
         else:
             if since is not None and before != NmtState.INITIALISING:
