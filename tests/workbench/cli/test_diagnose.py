@@ -195,14 +195,17 @@ def test_a_text_without_bytes_ends_with_its_verdict_and_status_1(tmp_path: Path)
     assert done.stdout.startswith("verdict: there are no bytes, so that no cause is proved [no-bytes]: ")
 
 
-def test_bytes_that_no_form_reads_and_an_error_have_a_verdict_that_names_their_line(tmp_path: Path) -> None:
+def test_bytes_between_words_are_read_and_it_is_said_why(tmp_path: Path) -> None:
     text = tmp_path / "posted.txt"
     text.write_text("17:40:53 DMP: 01 03 04 00 17 00\n17:40:53 DBG: response error 8\n")
     done = run_here("diagnose", str(text))
     assert done.returncode == 1
-    assert "line 1: 'M' at 10 is not a hexadecimal digit; expected a recording" in done.stderr
-    assert "the bytes in the text are in a form that is not read" in done.stdout
-    assert "line 1 has 01 03 04 00 17" in done.stdout
+    assert "line 1: read as bytes: bytes in one notation" in done.stderr
+    assert "[cut-frame]" in done.stdout
+    text.write_text("The answer is `01 83 02 C0 F1`, the error is mine. " + "More words. " * 10_000)
+    assert "expected a recording" in error_of(
+        "diagnose", str(text)
+    )  # too long for a text in which bytes are looked for
 
 
 def test_words_about_an_error_do_not_hide_bytes_that_are_read(tmp_path: Path) -> None:

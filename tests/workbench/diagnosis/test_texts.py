@@ -66,21 +66,5 @@ def test_a_failure_outside_the_field_is_no_message(text: str) -> None:
     assert verdict_without_bytes(text) is None
 
 
-def test_a_text_with_bytes_that_no_form_reads_is_not_called_one_without() -> None:
-    verdict = verdict_without_bytes("a log\n\nerror: timeout at  01 03 9c 41 00 02 ba 4f")
-    assert verdict is not None
-    assert verdict.code == "no-bytes"
-    assert verdict.text == "the bytes in the text are in a form that is not read, so that no cause is proved"
-    assert "no answer came in time" in verdict.evidence
-    assert "line 3 has 01 03 9c 41 00" in verdict.evidence
-    assert "each frame in a line of its own" in verdict.evidence
-
-
 def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() -> None:
     assert verdict_without_bytes("frame: 01 03 9c 41 00 02 ba 4f") is None
-
-
-def test_the_line_of_unread_bytes_is_theirs_and_few_of_them_are_shown() -> None:
-    verdict = verdict_without_bytes("modbus error\n\n\n  01 03 9c 41 00 02 ba 4f\n")
-    assert verdict is not None
-    assert "line 4 has 01 03 9c 41 00: keep" in verdict.evidence

@@ -113,7 +113,7 @@ def test_the_forms_of_notes(text: str, frames: list[str]) -> None:
 
 @pytest.mark.parametrize(
     "text",
-    ["01 03 00 00 00 0A C5 CD", "182#4007\nand something else", "", "[01][03]", ":010300000001FB", "0103 0000 000A"],
+    ["01 03 00 00 00 0A C5 CD", "182#40070\nand something else", "", "[01][03]", ":010300000001FB", "0103 0000 000A"],
 )
 def test_other_lines_are_no_notes(text: str) -> None:
     assert not is_can_recording(text.encode())

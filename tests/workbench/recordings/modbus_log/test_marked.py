@@ -255,9 +255,11 @@ def test_a_remark_behind_the_bytes_is_none_of_them(form: str, remark: str) -> No
 
 @pytest.mark.parametrize("mark", ["<-", "<--", "//", "#", ";", "("])
 def test_bytes_behind_a_mark_are_not_dropped_in_silence(mark: str) -> None:
-    """They may be bytes of the frame, or the bytes before may be a time: a line that is not sure is not read."""
-    log = read_modbus_log(f"Tx: {ASKED}\nRx: 01 03 04 00 {mark} 0B 00 16 0A 3F and more\n".encode())
+    """They may be bytes of the frame, or the bytes before may be a time: a line is read only if a CRC proves it."""
+    log = read_modbus_log(f"Tx: {ASKED}\nRx: 01 03 04 00 {mark} 0B 00 16 0A 3E and more\n".encode())
     assert [type(item) for item in log.items] == [LoggedBytes, Unread]
+    if mark != "#":  # of a comment
+        assert read(f"Tx: {ASKED}\nRx: 01 03 04 00 {mark} 0B 00 16 0A 3F and more\n")[1:] == [bytes.fromhex(ANSWERED)]
 
 
 def test_an_arrow_between_a_time_and_bytes_is_a_direction() -> None:
@@ -273,7 +275,7 @@ def test_a_count_of_bytes_behind_them_is_not_one_of_them(end: str) -> None:
 
 
 def test_a_count_that_is_not_that_of_the_bytes_is_no_count_of_them() -> None:
-    log = read_modbus_log(f"Tx: {ASKED} 8 bytes\nRx: {ANSWERED} 12 bytes\n".encode())
+    log = read_modbus_log(f"Tx: {ASKED} 8 bytes\nRx: {ANSWERED[:-1]}E 12 bytes\n".encode())
     assert [type(item) for item in log.items] == [LoggedBytes, Unread]
 
 

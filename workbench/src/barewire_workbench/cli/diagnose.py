@@ -12,7 +12,7 @@ from barewire.errors import BarewireError
 from barewire.io.endpoint import Endpoint
 from barewire.modbus.framing import Line
 from barewire_workbench.cli.arguments import Choice, json_option, known_nodes, nodes_option
-from barewire_workbench.cli.output import Output, note, output_form
+from barewire_workbench.cli.output import Output, output_form
 from barewire_workbench.cli.sources import (
     Source,
     UnreadPrinter,
@@ -25,9 +25,10 @@ from barewire_workbench.cli.sources import (
 )
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDiagnosis
-from barewire_workbench.diagnosis.texts import has_bytes, is_text, verdict_without_bytes
+from barewire_workbench.diagnosis.texts import is_text, verdict_without_bytes
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.live.listen import listen_with
+from barewire_workbench.recordings.modbus_log.posted import read_posted
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
 from barewire_workbench.sniffer import WINDOW
 
@@ -139,13 +140,11 @@ def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
     words = verdict_without_bytes(text)
     try:
         first, others = traffic.modbus_parts(printer.unread)
-    except BarewireError as error:
-        if words is None:
+    except BarewireError:
+        if words is None or read_posted(text.splitlines()):  # a recording may be meant: which line is none
             raise
-        if has_bytes(text):
-            note(str(error))  # a recording may be meant: which line is none
     else:
-        if words is None or has_bytes(text) or not is_text(first):
+        if words is None or not is_text(first):
             diagnosis = ModbusLogDiagnosis(first, window, traffic.protocol)
             printer.findings(diagnosis.findings(others))
             printer.unread.end()

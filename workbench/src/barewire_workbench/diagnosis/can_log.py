@@ -24,6 +24,7 @@ from typing import NamedTuple
 from barewire.canopen.abort_codes import AbortCode, abort_text
 from barewire.canopen.cob_ids import classify
 from barewire.canopen.frame import AnyFrame, CanFrame, ErrorFrame, FdFrame
+from barewire.canopen.lss.messages import ANSWER_KEY, LssRefused, LssService
 from barewire.canopen.nmt.messages import NmtState
 from barewire.canopen.sdo.messages import InitiateUpload
 from barewire_workbench.diagnosis.can import diagnose_can
@@ -56,6 +57,10 @@ _NO_ACKNOWLEDGEMENT = 0x20
 _FAULTS = 0x01 | 0x08 | 0x10 | _NO_ACKNOWLEDGEMENT | 0x40 | 0x80
 """Classes of error frames that report a fault of the bus: send time-out, protocol violation, transceiver, no
 acknowledgement, bus off, bus error. Lost arbitration is none, and an overrun or restart is of the controller alone."""
+_PROTOCOL, _ACKNOWLEDGE_BITS = 0x08, (b"\x19", b"\x1b")
+"""A violation of the protocol has its place in the fourth byte: here the slot of the acknowledgement, or its end."""
+_LSS_CONFIGURES = (b"\x11", b"\x13", b"\x17")
+"""Services of LSS whose answer has an error."""
 _CONTROLLER = 0x04
 ERROR_PASSIVE = 128
 """The error counter from which on a controller is error passive; one frame that cannot be sent adds 8 [ISO 11898-1]."""
@@ -99,7 +104,8 @@ class BusCounts:
         self.last = max(self.last, now)
         if isinstance(frame, ErrorFrame):
             self.errors += bool(frame.classes & _FAULTS)
-            self.unacknowledged += frame.classes & _FAULTS == _NO_ACKNOWLEDGEMENT
+            in_acknowledgement = frame.classes & _PROTOCOL and frame.data[3:4] in _ACKNOWLEDGE_BITS
+            self.unacknowledged += frame.classes & _FAULTS == _NO_ACKNOWLEDGEMENT or bool(in_acknowledgement)
             # The counters are valid in their own class; Linux before 6.0 has none, and gives them with this one.
             if frame.classes & _CONTROLLER or frame.counters:
                 self.counter = max(self.counter, *frame.data[6:8], 0)
@@ -439,6 +445,9 @@ class BusDiagnosis:
                 self._requests[frame.id] = [*before, InitiatingFrame(now, line, frame)]
                 self.counts.request(owner[1], now)
             yield from self._answered_twice(frame, owner[1], request, now)
+        if frame.id == ANSWER_KEY[0] and frame.data[:1] in _LSS_CONFIGURES and len(frame.data) == 8 and frame.data[1]:
+            refusal = LssRefused(LssService(frame.data[0]), frame.data[1], frame.data[2])
+            self.unsettled.refused[f"LSS: {refusal}"] += 1
         for finding in diagnose_can(frame, self.monitor.pdos, self._dialects):
             if finding.code != "sdo-read-command":  # a fault if the server refuses it: `_transfer`
                 yield Proved(owner[1] if owner else 0, finding)

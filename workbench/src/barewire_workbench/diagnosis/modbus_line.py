@@ -378,6 +378,9 @@ class LineDiagnosis:
         error = explain_pdu(request.pdu, "request").error if request.message is None else None
         if error is None or request_class(request.pdu) is None:
             return
+        if request.unit == BROADCAST and shapes(request.pdu) == (False, True):
+            self.unsettled.open["response of unit 0, to which no unit answers"] += 1
+            return
         frame = frame_of(self.protocol, None, request.unit, request.pdu)
         findings = self._examiner.findings(frame, "request", good=True)
         finding = findings[0] if findings else Finding("wrong-value", error.text, shown_digits(request.pdu))

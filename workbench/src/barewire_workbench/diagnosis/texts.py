@@ -3,8 +3,7 @@
         "Modbus Error: [Input/Output] No Response received"  -->  no-bytes: no answer in time; how pymodbus logs bytes
 
 Such a text proves nothing about a line or bus, so that the one verdict is `no-bytes`. It says what the words state (the
-port is closed, a device refused, no answer came) and how the program that wrote them is told to log its bytes. A text
-whose bytes are in a form that is not read has the same verdict, which says where they are.
+port is closed, a device refused, no answer came) and how the program that wrote them is told to log its bytes.
 """
 
 from __future__ import annotations
@@ -164,12 +163,6 @@ _FAILURE = re.compile(
     r"(?i)n['’]?t\b|\bcannot\b|\bnever\b|\bstops?\b|\balways\b|\bproblem|\btrouble|\bstuck\b|\bhangs?\b"
 )
 """Words of people on a line or bus, and on a failure: a text with one of each is a message too."""
-_BYTES = re.compile(
-    r"(?im)\b[0-9a-f]{2}([ ,:.-])(?:[0-9a-f]{2}\1){3}[0-9a-f]{2}\b|^\s*[0-9a-f]{2}(?: [0-9a-f]{2}){2,}\s*$"
-)
-"""Five bytes with one separator, or three that are a line; dates, times and addresses of hosts have fewer."""
-_SHOWN = 14
-"""Characters of the bytes that are not read: five bytes."""
 _NUMBER = re.compile(r"(?i)exception[ _]?(?:code)?[\"']?\s*[:=]?\s*[('\"]*(0x[0-9a-f]{1,2}|\d{1,2})\b(?!\d)(?!,)")
 _NAMES = {
     "illegalfunction": 1,
@@ -202,7 +195,7 @@ _TRANSACTIONS = re.compile(
 
 
 def verdict_without_bytes(text: str) -> LineVerdict | None:
-    """Return the verdict on a text that holds no bytes, or bytes that were not read; None if it is no message.
+    """Return the verdict on a text that holds no bytes; None if it is no message.
 
     >>> verdict_without_bytes("Modbus Error: [Input/Output] No Response received from the remote unit").code
     'no-bytes'
@@ -216,19 +209,7 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
     stated = list(dict.fromkeys(chain(_numbered(text), (what for words, what in _STATED if re.search(words, text)))))
     said = f"the text says that {', that '.join(stated)}" if stated else "the text does not say what failed"
     log = f"a log of {program} with its bytes: {how}" if program else f"a log with bytes: {how}"
-    unread = _BYTES.search(text)
-    if unread is None:
-        return LineVerdict("no-bytes", "there are no bytes, so that no cause is proved", f"{said}; to get {log}")
-    digits = unread[0].lstrip()
-    line = text.count("\n", 0, unread.end() - len(digits)) + 1
-    where = f"line {line} has {digits[:_SHOWN]}: keep only the bytes, each frame in a line of its own"
-    why = "the bytes in the text are in a form that is not read, so that no cause is proved"
-    return LineVerdict("no-bytes", why, f"{said}; {where}; or to get {log}")
-
-
-def has_bytes(text: str) -> bool:
-    """Return whether a text has what looks like the bytes of a frame."""
-    return _BYTES.search(text) is not None
+    return LineVerdict("no-bytes", "there are no bytes, so that no cause is proved", f"{said}; to get {log}")
 
 
 def is_text(log: ModbusLog) -> bool:

@@ -34,12 +34,15 @@ Timestamp: 1700000000.500000    ID:      605    S Tx                DL:  8    40
 timestamp,arbitration_id,extended,remote,error,dlc,data
 1700000000.5,0x605,0,0,0,8,QEFgAAAAAAA=                    the data in base64
 
-**Frames of CAN as they are noted and posted: an identifier and its bytes in each line, without times**
+**Frames of CAN as they are noted and posted: an identifier and its bytes in a line of any text, without times**
 
-    182#4007                                   60B   [8]  40 0A 10 00 00 00 00 00
-    082 40 81 10 12 47 00 fd 00                67F Tx SD  8  23 14 10 00 00 00 00 00        standard, 8 bytes
+    182#4007     error: 20000004#0030...       60B   [8]  40 0A 10 00 00 00 00 00
+    082 40 81 10 12 47 00 fd 00                30)  2427.0  Rx  0CF00400  8  F8 7D ...     as many bytes as it says
+    67F Tx SD  8  23 14 10 00 00 00 00 00      msg ID: 0x20000088, Data[0..7]: 0x00, 0x00, ...
+    COB-ID: 0x7E5                              can.Message(arbitration_id=0x605, dlc=8, data=[0x40, 0x41, ...])
+    Data: 04 01 00 00 00 00 00 00              Response from 0x7E4: 17 01 ...               beside one of the others
 
-The last form may have a date and the name of the bus before it. The frames count as 1 ms apart.
+The frames count as 1 ms apart.
 
 **The log of the CANopen conformance test tool of CiA: reads its frames**
 
@@ -68,7 +71,7 @@ from collections.abc import Iterable, Iterator
 from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, CanFrame, ErrorFrame, FdFrame
 from barewire.errors import DecodeError
 from barewire_workbench.frames.result import text_error
-from barewire_workbench.recordings.candump import parse_can
+from barewire_workbench.recordings.candump import parse_frame
 from barewire_workbench.recordings.model import FD_LENGTHS, FD_MAX, Dropped, Recorded, RecordedItem, split_lines, unread
 
 _EDL = 0x1000
@@ -381,41 +384,107 @@ def _python_can_frame(number: int, extended: bool, flags: str, length: int, data
 
 _STEP = 0.001
 _NOTED_BUS = "can0"
-_INSPECTED = 50
-
-_NOTE = re.compile(r"(?P<id>[0-9A-Fa-f]{3})(?:#[0-9A-Fa-f.]{0,24}|\s+\[[0-8]\](?:\s+\S.*)?|(?:\s+[0-9A-Fa-f]{2}){1,8})")
-_DIRECTED_NOTE = re.compile(
-    r"(?:.*\s)?(?P<id>[0-9A-Fa-f]{3})\s+[TR]x\s+S?D\s+(?P<length>[0-8])(?P<data>(?:\s+[0-9A-Fa-f]{2}){0,8})"
+_NOTES_MAX = 500
+"""Lines of a text in which a frame is looked for."""
+_PAIRS = r"(?P<data>(?:[0-9A-Fa-f]{2}\b[ \t]{0,3}){0,8})"
+_HASHED = re.compile(
+    r"(?<![\w/.#-])(?P<id>[0-7][0-9A-Fa-f]{2}|[0-3][0-9A-Fa-f]{7})#(?P<data>(?:[0-9A-Fa-f]{2}\.?){1,8}|(?=\s*$))(?![\w#])"
 )
+_COLUMNS = re.compile(
+    r"(?<![\w.:/-])(?:0[xX])?(?P<id>[0-9A-Fa-f]{3,4}|[0-9A-Fa-f]{8})[hH]?:?[\s|]+(?:[RT]x\s+)?(?:S?D\s+)?"
+    r"[\[({]?(?P<length>[0-8])[\])}]?:?[\s|]+" + _PAIRS + r"(?:$|(?![0-9A-Fa-f]{2}\b))"
+)
+_ID = re.compile(
+    r"(?i)(?<![a-z])(?P<of>[a-z]{2,12})?[-_ ]?id(?:entifier)?\b\W{0,3}[:= ]\W{0,3}(?:0x)?(?P<id>[0-9a-f]{1,10})h?\b"
+)
+_OF_CAN = frozenset({"cob", "can", "arbitration", "msg", "message", "std", "ext", "frame", "tx", "rx"})
+_DLC = re.compile(r"(?i)\b(?:dlc?|len|length|size)\W{0,4}([0-8])\b")
+_DATA = re.compile(r"(?i)\b(?:data|payload|bytes)(?:\[[\d. ]{1,6}\])?[\s:=({\[\x22]{1,4}(?=[0-9a-f])")
+_NUMBERS = re.compile(r"[\s:=,({\[]*((?:(?:0[xX])?[0-9A-Fa-f]{1,3}\b[\s,;-]{0,3}){1,8}|(?:[0-9A-Fa-f]{2}){1,8}\b)")
+_BARE_NOTE = re.compile(rf"(?P<id>[0-9A-Fa-f]{{3}})(?:#|\s+){_PAIRS}")
+_COLONED_NOTE = re.compile(rf".*\b0[xX](?P<id>[0-9A-Fa-f]{{3}}):\s*{_PAIRS}")
+_LEAST_ID = 0x80
+"""A lower number may be that of a unit or a node."""
+_SENT_NOTE = re.compile(r"(?i)\b(?:(tx|sent|send|sending|transmit\w*)|rx|recv|received?)\b")
 
 
 def is_can_notes(text: str) -> bool:
-    """Return whether each of the first lines is a frame.
+    """Return whether a frame is in one of the lines, with its length or words that tell, or each line is a bare frame.
 
     >>> is_can_notes("182#4007\\n202#0600"), is_can_notes("01 03 00 00 00 0A C5 CD")
     (True, False)
     """
-    lines = [line.strip() for line in text.splitlines()[:_INSPECTED] if line.strip()]
-    return bool(lines) and all(_NOTE.fullmatch(line) or _DIRECTED_NOTE.fullmatch(line) for line in lines)
+    lines = [line.strip() for line in text.splitlines()[:_NOTES_MAX] if line.strip()]
+    is_bare = bool(lines) and all(map(_BARE_NOTE.fullmatch, lines))
+    return is_bare or any(frame for _, _, frame in _noted_frames(lines))
 
 
 def read_can_notes(text: str | Iterable[str]) -> Iterator[RecordedItem]:
     """Yield the frames, 1 ms apart.
 
-    >>> [str(item.frame) for item in read_can_notes("60B   [2]  40 0A\\n67F Tx SD  2  23 14")]
+    >>> [str(item.frame) for item in read_can_notes("60B   [2]  40 0A\\nID: 0x67F, data: 0x23, 0x14")]
     ['60B#400A', '67F#2314']
     """
     now = 0.0
-    for number, line in enumerate(split_lines(text), start=1):
-        if not line.strip():
-            continue
+    for number, line, frame in _noted_frames(split_lines(text)):
+        plain = "" if frame else line.strip()
+        if (bare := _BARE_NOTE.fullmatch(plain) or _COLONED_NOTE.fullmatch(plain)) is not None:
+            frame = _frame_text(bare["id"], _joined(bare["data"]))
         now += _STEP
-        found = _DIRECTED_NOTE.fullmatch(line.strip())
+        way = _SENT_NOTE.search(line)
         try:
-            note = line if found is None else f"{found['id']} [{found['length']}] {found['data']}"
-            yield Recorded(now, _NOTED_BUS, parse_can(note), number)
+            if not frame:
+                raise text_error("delimiter", line, 0, "no frame of CAN in this line")
+            yield Recorded(now, _NOTED_BUS, parse_frame(frame), number, None if way is None else way[1] is not None)
         except DecodeError as error:
             yield unread(now, number, error, line)
+
+
+def _noted_frames(lines: Iterable[str]) -> Iterator[tuple[int, str, str]]:
+    """Yield each line that is not empty with its number, and its frame; a title with an identifier belongs to the line
+    behind it."""
+    title = ""
+    for number, line in enumerate(lines, start=1):
+        if not line.strip():
+            continue
+        found = _HASHED.search(line) if "#" in line else None
+        if found is None and (columns := _COLUMNS.search(line)) is not None:
+            found = columns if 2 * int(columns["length"]) == len(_joined(columns["data"])) else None
+        frame = "" if found is None else _frame_text(found["id"], _joined(found["data"]))
+        named = _ID.search(title + line) if not frame else None
+        title = ""
+        if named is not None and (named["of"] or "can").lower() in _OF_CAN:
+            rest = named.string[named.end() :]
+            frame = _worded(named["id"], rest, is_json='":' in named[0])
+            title = "" if rest.strip(" .)]`") else f"{line} "
+        if not title:
+            yield number, line, frame
+
+
+def _worded(identifier: str, rest: str, *, is_json: bool) -> str:
+    """Return the frame of an identifier and the words behind it; empty without bytes, or with more or fewer."""
+    length, data = _DLC.search(rest), _DATA.search(rest)
+    start = data or length
+    found = None if start is None else _NUMBERS.match(rest, start.end())
+    tokens = re.findall(r"(?:0[xX])?([0-9A-Fa-f]+)", found[1]) if found is not None else []
+    is_decimal = is_json or (identifier.isdecimal() and int(identifier) <= BASE_MAX < int(identifier, 16))
+    if is_decimal or any(len(token) == 3 for token in tokens):
+        tokens = [f"{int(token):02X}" for token in tokens if token.isdecimal() and int(token) <= 0xFF]
+    joined = "".join(token.rjust(2, "0") for token in tokens)
+    number = int(identifier, 10 if is_decimal and identifier.isdecimal() else 16)
+    if not joined or number < _LEAST_ID or (length is not None and 2 * int(length[1]) != len(joined)):
+        return ""
+    return _frame_text(f"{number:03X}", joined)
+
+
+def _frame_text(identifier: str, data: str) -> str:
+    number = int(identifier, 16)
+    is_base = number <= BASE_MAX and len(identifier) < 8
+    return f"{number:0{3 if is_base else 8}X}#{data}"
+
+
+def _joined(digits: str) -> str:
+    return re.sub(r"[^0-9A-Fa-f]", "", digits)
 
 
 _CONFORMANCE = re.compile(r"Test CAN\s*:\s*(?P<text>.*)$")

@@ -7,6 +7,7 @@ The files, in reading order:
     programs    logs with words of their own: pymodbus, libmodbus, MinimalModbus, strace, interceptty, Saleae ...
     exports     text, JSON and CSV of Wireshark and tshark
     marked      lines with a direction in a word, entries of several lines: Modbus Poll, socat, Docklight, own logs ...
+    posted      bytes within sentences and code, in any notation, and why they are bytes
     reader      recognises the form; captures: TCP segments in order, RTU in datagrams
 """
 

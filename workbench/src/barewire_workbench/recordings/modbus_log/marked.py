@@ -85,11 +85,11 @@ def frames_by_protocol(pieces: Iterable[bytes]) -> dict[ProtocolName, int]:
     for data in pieces:
         for protocol in PROTOCOLS:
             pdu = frame_pdu(protocol, data)
-            counts[protocol] += pdu is not None and (protocol != "tcp" or _has_its_length(pdu))
+            counts[protocol] += pdu is not None and (protocol != "tcp" or has_its_length(pdu))
     return counts
 
 
-def _has_its_length(pdu: bytes) -> bool:
+def has_its_length(pdu: bytes) -> bool:
     """Return whether a PDU has the length of its function. A header of TCP has no checksum: an RTU request of two
     registers from address 0 with a wrong CRC has one, 01 03 | 00 00 | 00 02."""
     if pdu[0] & EXCEPTION_BIT:

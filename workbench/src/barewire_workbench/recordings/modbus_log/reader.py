@@ -12,7 +12,7 @@ from __future__ import annotations
 import re
 from collections import deque
 from collections.abc import Callable, Container, Iterable, Iterator
-from itertools import chain, zip_longest
+from itertools import chain, islice, zip_longest
 from math import inf
 
 from barewire.errors import DecodeError
@@ -50,6 +50,7 @@ from barewire_workbench.recordings.modbus_log.octets import (
     split_octets,
     without_stamp,
 )
+from barewire_workbench.recordings.modbus_log.posted import read_posted, whole_frames, without_markup
 from barewire_workbench.recordings.modbus_log.programs import (
     read_bytewise,
     read_libmodbus,
@@ -172,10 +173,18 @@ FORMS: dict[str, Callable[[list[str], object], FormContent]] = {
 """Forms with words of their own. Two of them that differ about a line are an error."""
 _BY_LINES = frozenset({"pymodbus", "libmodbus", "MinimalModbus", "strace", "marked"})
 """Forms in which a line has whole entries, so that a part of the log can be read before the rest is there."""
+_OF_ANY_PROGRAM = frozenset({"marked", "blocks", "bytes"})
+"""Forms without words of their own: a text in sentences may look like one."""
 _UNDECIDED_MAX = 4_000_000
 """Characters of a text without a form; more of them are no log."""
 _DUMP_WHOLE = 0x4_0000
 """Characters of a dump that is one piece; a longer one is read in parts."""
+_POSTED_MAX, _POSTED_SHOWN = 0xF000, 5
+"""Characters of the longest text in which bytes are looked for between words; the notes that say why they are bytes."""
+_DIFFERENT = "with different bytes"
+"""How two forms read one line of which nothing is guessed."""
+_LOG = 2
+"""So many entries with frames are a log, and no text with frames in sentences."""
 _LONGEST_LINE = 20_000
 """Characters; no form looks into a longer line."""
 _GENERAL: dict[str, Callable[[list[str]], FormContent]] = {"blocks": read_blocks, "marked": read_marked}
@@ -322,7 +331,51 @@ class _LogReader:
         return 0
 
     def read_rest(self, lines: list[str]) -> ModbusLog:
-        """Return what the lines hold: the last ones of the log, or all of them."""
+        """Return what the lines hold: the last ones of the log, or all of them. A short text that is no log of frames
+        may be one with marks of Markdown, or have frames within sentences: the reading with most frames counts."""
+        if self.form is not None or sum(map(len, lines)) > _POSTED_MAX:
+            return self._read(lines)
+        log: ModbusLog | None = None
+        try:
+            log = self._read(lines)
+        except DecodeError as error:
+            if _DIFFERENT in error.text:
+                raise
+            refused = error
+        plain = [without_markup(line) for line in lines]
+        if log is not None and plain == lines:
+            whole = (item for item in log.items if isinstance(item, LoggedBytes) and _is_whole(item))
+            is_log = len(list(islice(whole, _LOG))) == _LOG or not _OF_ANY_PROGRAM.issuperset(log.form.split(" and "))
+            if is_log and not any(isinstance(item, Unread) and item.why == UNREADABLE for item in log.items):
+                self.form = log.form
+                return log
+        log = max((log, self._unmarked(plain)), key=_framed)
+        log = max((log, self._posted(plain)), key=_framed) if _framed(log)[1] < _LOG else log
+        if log is None:
+            raise refused
+        self.form = log.form
+        return log
+
+    def _unmarked(self, plain: list[str]) -> ModbusLog | None:
+        try:
+            return _LogReader(self._ports, self._protocol)._read(plain)
+        except DecodeError:
+            return None
+
+    def _posted(self, lines: list[str]) -> ModbusLog | None:
+        found = read_posted(lines)
+        if not found:
+            return None
+        taken = {posted.entry.line for posted in found}
+        left = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and number not in taken]
+        reader = _LogReader(self._ports, self._protocol)
+        reader.form = "posted"
+        log = reader._assembled("posted", [posted.entry for posted in found], left)
+        whys = (f"line {posted.entry.line}: read as bytes: {posted.why}" for posted in found[:_POSTED_SHOWN])
+        return log._replace(notes=(*whys, *log.notes))
+
+    def _read(self, lines: list[str]) -> ModbusLog:
+        """Return what the lines hold, in the form of a log."""
         if self.form == "bytes":
             log = self._bytes_only(lines)
         else:
@@ -352,7 +405,7 @@ class _LogReader:
                 if owner == name:
                     by_place[entry.line, place] = entry
                 elif not _same(by_place, entry):
-                    text = f"line {self._offset + entry.line} reads as {owner} and as {name}, with different bytes"
+                    text = f"line {self._offset + entry.line} reads as {owner} and as {name}, {_DIFFERENT}"
                     raise DecodeError("value", b"", 0, text)
             if content.entries or states is not None:
                 known |= content.known
@@ -539,6 +592,17 @@ class _LogReader:
         log = self._assembled("bytes", entries, left)
         self._is_prefixed = True
         return log
+
+
+def _is_whole(item: LoggedBytes) -> bool:
+    return item.protocol is not None and frame_pdu(item.protocol, item.data) is not None
+
+
+def _framed(log: ModbusLog | None) -> tuple[int, int, bool]:
+    """Return how many bytes of a log are in whole frames, in how many entries, and whether one could be a frame."""
+    pieces = [item.data for item in log.items if isinstance(item, LoggedBytes)] if log is not None else []
+    frames = [sum(end - begin for begin, end in whole_frames(data)) for data in pieces]
+    return sum(frames), sum(map(bool, frames)), any(len(data) >= _SHORTEST for data in pieces)
 
 
 def _is_part(entry: LogEntry) -> bool:
