@@ -7,6 +7,7 @@ import inspect
 import random
 import re
 import socket
+import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
 from typing import Any, TypeVar
@@ -90,6 +91,14 @@ def every_case(
         return test
 
     return fold
+
+
+def until(condition: Callable[[], bool]) -> None:
+    """Wait for an effect in another thread, `PATIENCE` seconds at most."""
+    end = time.monotonic() + PATIENCE
+    while not condition():
+        assert time.monotonic() < end
+        time.sleep(0.01)
 
 
 def free_port() -> int:

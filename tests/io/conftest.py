@@ -1,7 +1,9 @@
-"""Fixtures of the tests of io: certificates, made once, and a long default time-out."""
+"""Fixtures of the tests of io: certificates, made once, the log, and a long default time-out."""
 
 from __future__ import annotations
 
+import logging
+from collections.abc import Iterator
 from pathlib import Path
 
 import pytest
@@ -27,6 +29,13 @@ def certificates(tmp_path_factory: pytest.TempPathFactory) -> Path:
     leaf(where, "other-ca-server", server=True, ca="other")
     leaf(where, "odd", role="INTEGER:7")
     return where
+
+
+@pytest.fixture
+def log(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]:
+    """The log of barewire, from INFO on."""
+    with caplog.at_level(logging.INFO, "barewire"):
+        yield caplog
 
 
 @pytest.fixture(autouse=True)

@@ -8,6 +8,8 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
+from barewire.modbus import Table, Unit
+
 R = TypeVar("R")
 
 
@@ -65,6 +67,18 @@ def honest(connection: socket.socket) -> None:
     """Answers reads of one register with the register's address."""
     while True:
         connection.sendall(answer(read_exactly(connection, 12)))
+
+
+def stubborn(connection: socket.socket) -> None:
+    """Answers whatever it is sent as a read of one register, each 12 bytes of it."""
+    while data := connection.recv(1000):
+        for at in range(0, len(data), 12):
+            connection.sendall(answer(data[at : at + 12].ljust(12, b"\0")))
+
+
+def full(size: int = 300) -> dict[int, Unit]:
+    """A unit whose registers hold their own addresses."""
+    return {1: Table(holding_registers=range(size))}
 
 
 def again(run: Callable[[str], list[R]]) -> list[R]:

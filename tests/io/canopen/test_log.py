@@ -5,7 +5,6 @@ from __future__ import annotations
 import asyncio
 import logging
 import re
-from collections.abc import Iterator
 
 import pytest
 
@@ -17,12 +16,6 @@ from barewire.io.server.ascii_gateway import GATEWAY_CONNECTIONS, serve_gateway
 from tests.helpers import PATIENCE
 
 LOGGERS = {name: f"barewire.canopen.{name}" for name in ("bus", "server", "client", "gateway")}
-
-
-@pytest.fixture
-def log(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]:
-    with caplog.at_level(logging.INFO, "barewire"):
-        yield caplog
 
 
 def lines(caplog: pytest.LogCaptureFixture, name: str) -> list[str]:

@@ -74,12 +74,6 @@ def texts(caplog: pytest.LogCaptureFixture, url: str) -> list[str]:
     return [line.removeprefix(f"{url}: ") for line in lines]
 
 
-@pytest.fixture
-def log(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]:
-    with caplog.at_level(logging.INFO, "barewire"):
-        yield caplog
-
-
 @BOTH
 def test_connections_of_a_client(use: Use, log: pytest.LogCaptureFixture) -> None:
     with barewire.ModbusServer("tcp://127.0.0.1:0", {1: Table()}) as server:

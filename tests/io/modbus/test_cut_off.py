@@ -13,16 +13,9 @@ import pytest
 from barewire import AsyncModbusClient, ModbusClient, ModbusServer
 from barewire.errors import NoAnswer, PortError
 from barewire.io.ports.pty import PseudoTerminal
-from barewire.modbus import Diagnostics, Table, Unanswered, Unit
+from barewire.modbus import Diagnostics, Unanswered
+from tests.io.peers import full
 from tests.io.schemes import SERIAL
-
-
-def full(size: int = 300) -> dict[int, Unit]:
-    """Every register holds its own address."""
-    table = Table(size=size)
-    for address in range(size):
-        table.holding_registers[address] = address
-    return {1: table}
 
 
 @pytest.mark.parametrize("wire", ["tcp", "rtu", "ascii"])

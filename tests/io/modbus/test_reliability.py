@@ -15,25 +15,10 @@ import pytest
 from barewire import AsyncModbusClient, ModbusClient, ModbusServer
 from barewire.errors import NoAnswer, PortError
 from barewire.io.engine.connections import BackOff
-from barewire.modbus import (
-    ReadHoldingRegisters,
-    Table,
-    Unit,
-    WriteOutcomeUnknown,
-    WriteSingleRegister,
-)
+from barewire.modbus import ReadHoldingRegisters, WriteOutcomeUnknown, WriteSingleRegister
 from tests.helpers import free_port, refused
-from tests.io.peers import answer, honest, peer, read_exactly
+from tests.io.peers import answer, full, honest, peer, read_exactly
 from tests.io.schemes import EVERY_SCHEME_WITHOUT_TLS, SERIAL
-
-
-def full(size: int = 300) -> dict[int, Unit]:
-    """Every register holds its own address."""
-    table = Table(size=size)
-    for address in range(size):
-        table.holding_registers[address] = address
-    return {1: table}
-
 
 # Connections that fail -----------------------------------------------------------------------------------------------
 

@@ -10,7 +10,6 @@ import ssl
 import subprocess
 import sys
 import threading
-import time
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -23,7 +22,7 @@ from barewire.io.ports.tls import server_context, tls_reason
 from barewire.modbus import ModbusException, Table, WriteSingleRegister
 from barewire.modbus.server.authorization import role_of
 from tests.certificates import tls_url
-from tests.helpers import refused
+from tests.helpers import refused, until
 from tests.io.peers import answer, peer, read_exactly
 
 pytestmark = pytest.mark.needs("openssl")
@@ -48,9 +47,7 @@ def place(host: ModbusServer) -> str:
 
 def closed_because(host: ModbusServer) -> str:
     """Why the server closed the latest connection."""
-    until = time.monotonic() + 5
-    while not host.connections.closed and time.monotonic() < until:
-        time.sleep(0.01)
+    until(lambda: bool(host.connections.closed))
     return host.connections.closed[-1]
 
 
@@ -92,10 +89,7 @@ def test_refusals_are_logged_and_counted(
     assert f"{host.url.partition('?')[0]}: {why}: closed" in caplog.messages
     counted = host.statistics
     assert (counted.denied, counted.exceptions, counted.opened, counted.broken) == (2, 2, 3, 0)
-    until = time.monotonic() + 30
-    while not counted.refused and time.monotonic() < until:
-        time.sleep(0.01)
-    assert counted.refused == 1
+    until(lambda: counted.refused == 1)
 
 
 def test_a_certificate_without_a_role_is_refused_by_a_table_of_roles(host: ModbusServer, certificates: Path) -> None:

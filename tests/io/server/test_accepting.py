@@ -9,9 +9,8 @@ import socket
 import ssl
 import subprocess
 import sys
-import time
 import weakref
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
 
@@ -24,6 +23,7 @@ from barewire.io.ports.tls import TlsSession
 from barewire.io.server import asyncio_network
 from barewire.io.server.limits import BATCH, Acceptor, ConnectionTable
 from tests.certificates import tls_url
+from tests.helpers import until
 
 SERVER = """
 import asyncio, logging, os, resource, sys
@@ -218,13 +218,6 @@ def test_all_that_wait_are_accepted_together_but_not_without_end() -> None:
 
 
 # TLS handshakes -------------------------------------------------------------------------------------------------------
-
-
-def until(condition: Callable[[], bool]) -> None:
-    end = time.monotonic() + 30.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
 
 
 @pytest.mark.needs("openssl")

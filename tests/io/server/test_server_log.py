@@ -8,8 +8,7 @@ import os
 import re
 import socket
 import threading
-import time
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Iterator, Sequence
 from contextlib import ExitStack, contextmanager
 from typing import Any
 
@@ -19,6 +18,7 @@ import barewire
 from barewire.io.endpoint import Endpoint
 from barewire.io.server.base import server_log
 from barewire.modbus import Functions, ModbusException, ReadCoils, ReadHoldingRegisters, Table
+from tests.helpers import until
 
 LOGGER = "barewire.modbus.server"
 THREADED = ["tcp://127.0.0.1:0", "rtu+tcp://127.0.0.1:0", "udp://127.0.0.1:0", "rtu://pty"]
@@ -125,14 +125,6 @@ def test_a_log_that_fails_and_an_error_without_text_do_not_stop_the_server(monke
 READ = bytes.fromhex("0001 0000 0006 01 03 0000 0001")
 
 
-def until(condition: Callable[[], bool]) -> None:
-    """Wait until it is true, 30 s at most."""
-    end = time.monotonic() + 30.0
-    while not condition():
-        assert time.monotonic() < end
-        time.sleep(0.01)
-
-
 def connected(server: Any) -> socket.socket:
     """A connection that the server has accepted."""
     before = server.statistics.opened
@@ -158,12 +150,6 @@ def adds_up(server: Any) -> None:
     counted = server.statistics
     ended = counted.left + counted.refused + counted.idle + counted.broken + counted.stopped
     assert counted.opened == len(server.connections) + ended
-
-
-@pytest.fixture
-def log(caplog: pytest.LogCaptureFixture) -> Iterator[pytest.LogCaptureFixture]:
-    with caplog.at_level(logging.INFO, "barewire"):
-        yield caplog
 
 
 @pytest.mark.parametrize("way", WAYS)

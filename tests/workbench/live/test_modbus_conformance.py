@@ -39,7 +39,7 @@ from barewire_workbench.live.modbus_conformance import CaseResult, cases_of, con
 from barewire_workbench.live.results import Unfinished
 from tests.certificates import tls_url
 from tests.helpers import refused
-from tests.io.peers import again, answer, peer
+from tests.io.peers import again, peer, stubborn
 from tests.workbench.cli.helpers import run_command, run_here
 from tools import conform_page
 
@@ -139,13 +139,6 @@ def test_an_echo_is_not_taken_for_an_answer() -> None:
         thread.join(5)
         terminal.close()
     assert [result.failure for result in results if result.failure] == []
-
-
-def stubborn(connection: socket.socket) -> None:
-    """Answers whatever it is sent as a read of one register, each 12 bytes of it."""
-    while data := connection.recv(1000):
-        for at in range(0, len(data), 12):
-            connection.sendall(answer(data[at : at + 12].ljust(12, b"\0")))
 
 
 def test_a_server_that_always_answers_the_same_fails() -> None:

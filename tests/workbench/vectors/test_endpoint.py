@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import json
-import socket
 from typing import Any
 
 import pytest
@@ -15,7 +14,7 @@ from barewire.modbus import Table
 from barewire_workbench.live import canopen_conformance as shell
 from barewire_workbench.live.canopen_conformance import LiveDevice
 from barewire_workbench.vectors.run import run_cases, selected
-from tests.io.peers import answer, peer
+from tests.io.peers import peer, stubborn
 from tests.workbench.cli.helpers import run_here
 from tests.workbench.conform.canopen.devices import NODE, plain
 from tests.workbench.vectors.loaded import VECTORS
@@ -58,11 +57,6 @@ def test_a_case_of_another_framing_and_one_that_the_server_lacks_are_not_offered
 
 
 def test_a_server_that_always_answers_the_same_fails() -> None:
-    def stubborn(connection: socket.socket) -> None:
-        while data := connection.recv(1000):
-            for at in range(0, len(data), 12):
-                connection.sendall(answer(data[at : at + 12].ljust(12, b"\0")))
-
     with peer(stubborn) as port:
         status, cases, _ = check(f"tcp://127.0.0.1:{port}?timeout=1", ids("03 with quantity 0", "five requests"))
     texts = [case["text"] for case in cases.values() if case["state"] == "failed"]

@@ -15,7 +15,7 @@ assigned; reading checks that the addresses exist, where there are holes.
 from __future__ import annotations
 
 from array import array
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from operator import index
 from typing import Any, NoReturn, Self, SupportsIndex
 
@@ -33,6 +33,10 @@ class _Block:
     name = "value"
     """What one of them is called in errors."""
     expected = ""
+    stored: Callable[..., Any]
+    """Return a value or a slice, without a check."""
+    store: Callable[..., None]
+    """Set a value or a slice, without a check."""
     spans: tuple[tuple[int, int], ...] = ()
     """The addresses that exist, in order: the first one of each row, and the one after its last."""
     has_holes = False
@@ -60,6 +64,12 @@ class _Block:
             return ""
         return f"{self.name}s {found[0]}..{found[-1]} do not all exist: {expected}"
 
+    def __getitem__(self, place: Any) -> Any:
+        if self.has_holes and (missing := self.missing(place)):
+            raise IndexError(missing)
+        stored = self.stored(place)
+        return list(stored) if isinstance(place, slice) else stored
+
     def __repr__(self) -> str:
         return f"<{self.name}s {_rows(self.spans, ', ')}>" if self.spans else f"<{self.name}s: none>"
 
@@ -86,9 +96,7 @@ class RegisterBlock(_Block, array):  # type: ignore[type-arg]  # it takes [int] 
 
     expected = "whole numbers in 0..65535"
     stored = array.__getitem__
-    """Return a value or a slice, without a check."""
     store = array.__setitem__
-    """Set a value or a slice, without a check."""
 
     @classmethod
     def of(cls, name: str, size: int, rows: Any = None) -> Self:
@@ -109,12 +117,6 @@ class RegisterBlock(_Block, array):  # type: ignore[type-arg]  # it takes [int] 
         """Set the values from the first address on; the others become 0. Raises EncodeError for several spans."""
         if (span := _only_span(self)) is not None:
             self.store(span, array("H", _filling(self, values, span)))
-
-    def __getitem__(self, place: Any) -> Any:
-        if self.has_holes and (missing := self.missing(place)):
-            raise IndexError(missing)
-        found = self.stored(place)
-        return list(found) if isinstance(place, slice) else found
 
     def __setitem__(self, place: SupportsIndex | slice, value: Any) -> None:
         if self.has_holes and (missing := self.missing(place)):
@@ -141,9 +143,7 @@ class BitBlock(_Block, bytearray):
 
     expected = "True or False"
     stored = bytearray.__getitem__
-    """Return a value or a slice, without a check."""
     store = bytearray.__setitem__
-    """Set a value or a slice, without a check."""
 
     @classmethod
     def of(cls, name: str, size: int, rows: Any = None) -> Self:
@@ -167,12 +167,6 @@ class BitBlock(_Block, bytearray):
         """Set the values from the first address on; the others become 0. Raises EncodeError for several spans."""
         if (span := _only_span(self)) is not None:
             self.store(span, bytes(map(bool, _filling(self, values, span))))
-
-    def __getitem__(self, place: Any) -> Any:
-        if self.has_holes and (missing := self.missing(place)):
-            raise IndexError(missing)
-        found = self.stored(place)
-        return list(found) if isinstance(place, slice) else found
 
     def __setitem__(self, place: SupportsIndex | slice, value: Any) -> None:
         if self.has_holes and (missing := self.missing(place)):

@@ -11,13 +11,6 @@ from barewire.modbus.messages.registers import WriteMultipleRegisters
 from tests.devices.sim.bench import VELOCITY, CsdBench
 
 
-@pytest.fixture
-def bench() -> CsdBench:
-    bench = CsdBench()
-    bench.write("Velocity Total Sample", 1)  # the shown velocity is the mean of this number of milliseconds
-    return bench
-
-
 @pytest.mark.parametrize("relative", [False, True])
 @pytest.mark.parametrize(
     ("way", "velocity", "rate", "lasts"),

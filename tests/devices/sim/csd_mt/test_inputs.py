@@ -12,13 +12,6 @@ from tests.devices.sim.bench import HOMING, VELOCITY, CsdBench
 LIMITS = Span(-10_000.0, 50_000.0)
 
 
-@pytest.fixture
-def bench() -> CsdBench:
-    bench = CsdBench()
-    bench.write("Velocity Total Sample", 1)
-    return bench
-
-
 def with_limits(bench: CsdBench) -> None:
     """Wire limit switches to I1 and I2 that are ON between their positions."""
     bench.drive.environment.inputs[1] = Span(LIMITS.low, inf)

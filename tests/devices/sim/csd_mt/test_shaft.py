@@ -10,14 +10,6 @@ from barewire.devices.sim.csd_mt.environment import Span
 from barewire.modbus.messages.registers import WriteSingleRegister
 from tests.devices.sim.bench import VELOCITY, CsdBench, moving
 
-
-@pytest.fixture
-def bench() -> CsdBench:
-    bench = CsdBench()
-    bench.write("Velocity Total Sample", 1)
-    return bench
-
-
 # The window, and the three reactions
 
 
