@@ -36,7 +36,8 @@ operations on whole big numbers, where the table takes 254 steps. The low bit of
 from __future__ import annotations
 
 POLYNOMIAL = 0xA001
-"""8005h, the powers of x below x^16, with the bits mirrored because the least significant bit is sent first."""
+"""8005h, the powers of x below x^16, with the bits mirrored because the least significant bit is sent first. The table
+follows from it; `crc16_folded` holds for this one only."""
 
 INITIAL = 0xFFFF
 
