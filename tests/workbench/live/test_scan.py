@@ -172,6 +172,37 @@ def test_the_addresses_of_a_unit_that_is_not_there() -> None:
         list(scan_addresses(nobody, "holding", 0, 9))
 
 
+def closing_behind(address: int, requests: list[bytes] | None = None) -> type[socketserver.BaseRequestHandler]:
+    """A handler that closes the connection of a request for an address behind this one; with a list also of the first
+    request, once."""
+
+    class Handler(socketserver.StreamRequestHandler):
+        def handle(self) -> None:
+            while len(request := self.rfile.read(12)) == 12:
+                first, count = (int.from_bytes(request[place : place + 2], "big") for place in (8, 10))
+                if requests is not None and not requests:
+                    requests.append(request)
+                    return
+                if first + count - 1 > address:
+                    return
+                self.wfile.write(request[:5] + bytes([3 + 2 * count, request[6], 3, 2 * count]) + bytes(2 * count))
+
+    return Handler
+
+
+def test_the_addresses_of_a_server_that_closes_the_connection_of_unknown_ones() -> None:
+    with served_by(closing_behind(14)) as url, ModbusClient(f"{url}&timeout=30") as client:
+        pieces = list(map(str, scan_addresses(client, "holding", 8, 20)))
+    assert pieces == ["8-14", "15-20: the connection was closed"]
+    with pytest.raises(PortError):  # now the server is gone
+        list(scan_addresses(client, "holding", 8, 20))
+
+
+def test_a_connection_that_was_lost_between_two_requests_makes_no_address_unknown() -> None:
+    with served_by(closing_behind(20, [])) as url, ModbusClient(f"{url}&timeout=30") as client:
+        assert list(map(str, scan_addresses(client, "holding", 8, 20))) == ["8-20"]
+
+
 # CAN
 
 

@@ -8,7 +8,7 @@ from itertools import pairwise
 import pytest
 from hypothesis import given, strategies as st
 
-from barewire.errors import NoAnswer
+from barewire.errors import NoAnswer, PortError
 from barewire.modbus.exceptions import ModbusException
 from barewire_workbench.scan.addresses import AddressRange, find_addresses
 from tests.helpers import modest
@@ -64,3 +64,15 @@ def test_a_block_that_is_ignored_is_halved_and_a_silent_unit_given_up() -> None:
     with pytest.raises(NoAnswer):
         list(find_addresses(silent, 0, 999, limit=125))
     assert len(asked) == 3
+
+
+@pytest.mark.parametrize("error", [NoAnswer("silence"), PortError("unplugged"), KeyboardInterrupt()])
+def test_what_was_found_before_an_error_is_not_lost(error: BaseException) -> None:
+    def read(address: int, count: int) -> None:
+        if address + count > 10:
+            raise error
+
+    found = []
+    with pytest.raises(type(error)):
+        found.extend(map(str, find_addresses(read, 0, 39, limit=10)))
+    assert found == ["0-9"]

@@ -27,7 +27,7 @@ from barewire.io.ports.pty import is_pseudo_terminal
 from barewire.modbus.client.bus import Bus
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.messages.identification import ReportServerId
-from barewire_workbench.scan.addresses import TABLES, AddressRange, find_addresses
+from barewire_workbench.scan.addresses import TABLES, AddressRange, ConnectionClosed, find_addresses
 from barewire_workbench.scan.identity import DeviceIdentity, device_of, known_devices
 from barewire_workbench.scan.serial_settings import LineSettings, combinations
 from barewire_workbench.scan.units import ScannedUnit, UnitScanner, likely_first
@@ -295,17 +295,25 @@ def scan_addresses(
 
     `progress` is called with the first address of each block.
 
-    Raises NoAnswer if the unit does not answer, EncodeError for an unknown table or wrong addresses.
+    Raises NoAnswer if the unit does not answer, PortError if the port fails or the server is gone, EncodeError for an
+    unknown table or wrong addresses.
     """
     if table not in TABLES:
         raise EncodeError(f"table {table!r}: expected one of {', '.join(TABLES)}")
     if not 0 <= first <= last <= 0xFFFF:
         raise EncodeError(f"addresses {first}-{last}: expected 0..65535, the smaller one first")
     request, limit = TABLES[table]
+    is_connection = client.connection.endpoint.transport in ("tcp", "tls")
 
     def read(address: int, count: int) -> object:
         if progress is not None:
             progress(address)
-        return client.ask(request(address, count))
+        if not is_connection:
+            return client.ask(request(address, count))
+        for _ in range(2):  # the first connection may have been closed before the request
+            client.open()
+            with suppress(PortError):
+                return client.ask(request(address, count))
+        raise ConnectionClosed("the connection was closed")
 
     return find_addresses(read, first, last, limit=limit)

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Callable, Iterator
 from typing import Any, NamedTuple
 
-from barewire.errors import NoAnswer
+from barewire.errors import NoAnswer, PortError
 from barewire.modbus.exceptions import ModbusException
 from barewire.modbus.messages.base import Request
 from barewire.modbus.messages.coils import ReadCoils, ReadDiscreteInputs
@@ -35,6 +35,10 @@ _SILENT = 3
 """Requests in a row without an answer after which the unit is given up: halving a block that it ignores has no end."""
 
 
+class ConnectionClosed(PortError):
+    """The other side closed the connection in place of an answer, as some do for addresses that they do not know."""
+
+
 class AddressRange(NamedTuple):
     """Addresses next to each other with the same result: "" if they can be read, otherwise why not."""
 
@@ -50,8 +54,8 @@ class AddressRange(NamedTuple):
 def find_addresses(read: Callable[[int, int], object], first: int, last: int, *, limit: int) -> Iterator[AddressRange]:
     """Yield what is known of the addresses `first` to `last`, in their order; those that do not exist are left out.
 
-    `read(address, count)` reads a block of at most `limit` addresses and raises ModbusException or NoAnswer. The
-    NoAnswer of a unit that has left three requests in a row unanswered is raised.
+    `read(address, count)` reads a block of at most `limit` addresses and raises ModbusException, ConnectionClosed or
+    NoAnswer. The NoAnswer of a unit that has left three requests in a row unanswered is raised.
 
     >>> def read(address, count):
     ...     if not set(range(address, address + count)) <= {3, 4, 5}:
@@ -72,9 +76,13 @@ def find_addresses(read: Callable[[int, int], object], first: int, last: int, *,
         except ModbusException as exception:
             silent = 0
             problem = "absent" if exception.code in _NO_SUCH_ADDRESS else f"exception {exception.code:02X}"
-        except NoAnswer:
+        except ConnectionClosed:
+            problem = "the connection was closed"
+        except BaseException as error:
             silent += 1
-            if silent == _SILENT:
+            if silent == _SILENT or not isinstance(error, NoAnswer):
+                if joined is not None:  # whatever ends the search, also Ctrl-C: this was found
+                    yield joined
                 raise
             problem = "no answer"
         if problem and end > start:
