@@ -362,7 +362,7 @@ def test_rows_are_chosen_by_conditions_and_changes(tmp_path: Path) -> None:
 
 @pytest.mark.parametrize("end", ["night.csv", "night.db"])
 def test_a_full_disk_is_reported(tmp_path: Path, end: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    def full(*_: object) -> int:
+    def full(*_: object, is_last: bool = False) -> int:
         raise OSError(errno.ENOSPC, "No space left on device")
 
     with ModbusServer("tcp://127.0.0.1:0", {1: Table(1)}) as server:

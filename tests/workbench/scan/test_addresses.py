@@ -72,7 +72,7 @@ def test_what_was_found_before_an_error_is_not_lost(error: BaseException) -> Non
         if address + count > 10:
             raise error
 
-    found = []
+    found: list[str] = []
     with pytest.raises(type(error)):
         found.extend(map(str, find_addresses(read, 0, 39, limit=10)))
     assert found == ["0-9"]

@@ -51,6 +51,9 @@ class MemoryFile:
         self._disk.step()
         self._disk.synced[self._path] = self._disk.contents[self._path]
 
+    def is_in_place(self) -> bool:
+        return self._path in self._disk.contents
+
     def close(self) -> None:
         pass
 
@@ -106,4 +109,4 @@ class MemoryDisk:
         del self.contents[path], self.synced[path]
 
     def names(self, start: str, end: str) -> list[str]:
-        return sorted(path for path in self.contents if path.startswith(start) and path.endswith(end))
+        return [path for path in self.contents if path.startswith(start) and path.endswith(end)]

@@ -2,7 +2,9 @@
 
 from __future__ import annotations
 
+import os
 import sqlite3
+import time
 from contextlib import closing
 from math import nan
 from pathlib import Path
@@ -49,6 +51,59 @@ def test_rows_are_appended_rotated_and_read_again(tmp_path: Path, name: str) -> 
     assert [curve.title for curve in read_logs(files, ["status"]).curves] == ["Status"]
     with refused(EncodeError, "no column 'Stats': expected one of"):
         read_logs(files, ["Stats"])
+
+
+@pytest.mark.parametrize("name", ["night.csv", "night.db"])
+@pytest.mark.parametrize("is_moved", [False, True])
+def test_a_file_that_another_program_removes_or_moves_is_begun_anew(tmp_path: Path, name: str, is_moved: bool) -> None:
+    path, moved = tmp_path / name, tmp_path / f"moved-{name}"
+    log = RotatingLog(LocalDisk(), str(path), lambda: opened(path))
+    log.add(row(0, 1.0), 0.0)
+    path.rename(moved) if is_moved else path.unlink()
+    log.add(row(1, 2.0), 1.0)
+    log.close(2.0)
+    assert (log.safe, log.lost, log.problem, log.begun_anew) == (2, 0, "", 1)
+    assert read_logs([str(path)], ['Speed "n"']).curves[0].values == [2.0]
+    if is_moved:
+        assert read_logs([str(moved)], ['Speed "n"']).curves[0].values == [1.0]
+
+
+def test_rows_wait_while_another_file_is_in_the_place_of_the_log(tmp_path: Path) -> None:
+    path = tmp_path / "night.csv"
+    log = RotatingLog(LocalDisk(), str(path), lambda: opened(path))
+    path.unlink()
+    path.write_text("A file of something else\n")
+    log.add(row(0, 1.0), 0.0)
+    assert "expected time,speed" in log.problem
+    path.unlink()
+    log.add(row(1, 2.0), 1.0)
+    log.close(2.0)
+    assert (log.safe, log.lost) == (2, 0)
+
+
+def test_a_locked_database_holds_nobody_up_and_its_rows_wait(tmp_path: Path) -> None:
+    path = tmp_path / "night.db"
+    log = RotatingLog(LocalDisk(), str(path), lambda: opened(path))
+    with closing(sqlite3.connect(path, isolation_level=None)) as other:
+        other.execute("BEGIN EXCLUSIVE")
+        start = time.monotonic()
+        for number in range(10):
+            log.add(row(number, 1.0), float(number))
+        assert time.monotonic() - start < 25.0, "SQLite would wait 5 s each time"
+        assert log.problem == "database is locked"
+        other.execute("ROLLBACK")
+    log.close(9.0)
+    assert (log.safe, log.lost) == (10, 0)
+
+
+def test_the_oldest_full_file_is_removed_also_in_the_hour_that_comes_twice(tmp_path: Path) -> None:
+    path = tmp_path / "night.csv"
+    log = RotatingLog(LocalDisk(), str(path), lambda: opened(path), Rotation(size=1, keep=1))
+    for second, clock in enumerate(("02:50:00.000+02:00", "02:10:00.000+01:00", "02:20:00.000+01:00")):
+        log.add([f"2026-10-25T{clock}", 1.0, 1, "", ""], float(second))
+        os.utime(path, (second, second))
+    log.close(9.0)
+    assert sorted(file.name for file in tmp_path.iterdir()) == ["night-2026-10-25T021000.csv", "night.csv"]
 
 
 def test_a_database_has_types_and_takes_other_columns_for_another_log(tmp_path: Path) -> None:

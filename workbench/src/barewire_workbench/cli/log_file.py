@@ -45,7 +45,8 @@ def kept(log: RotatingLog, clock: Clock) -> Iterator[ProblemNotes]:
         with signals_later():
             log.close(clock.now())
         files = f", {len(log.rotated)} full files beside it" if log.rotated else ""
-        note(f"{log.path}: {log.safe} rows written{files}")
+        anew = f", begun anew {log.begun_anew} times: it was removed or moved" if log.begun_anew else ""
+        note(f"{log.path}: {log.safe} rows written{files}{anew}")
         if log.lost:
             note(f"{log.path}: {log.lost} rows could not be written: {log.problem}")
 

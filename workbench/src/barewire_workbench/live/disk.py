@@ -16,6 +16,7 @@ class DiskFile:
     """
 
     def __init__(self, path: str) -> None:
+        self._path = path
         self._file = os.open(path, os.O_RDWR | os.O_CREAT | os.O_APPEND | getattr(os, "O_BINARY", 0), 0o644)
         try:
             import fcntl
@@ -53,6 +54,13 @@ class DiskFile:
         """Return when what was written is on the disk."""
         os.fsync(self._file)
 
+    def is_in_place(self) -> bool:
+        """Return whether it still has its path."""
+        try:
+            return os.path.samestat(os.stat(self._path), os.fstat(self._file))
+        except FileNotFoundError:
+            return False
+
     def close(self) -> None:
         """Close the file."""
         os.close(self._file)
@@ -83,8 +91,9 @@ class LocalDisk:
         os.remove(path)
 
     def names(self, start: str, end: str) -> list[str]:
-        """Return the paths that begin and end so, sorted."""
-        return sorted(glob(f"{escape(start)}*{escape(end)}"))
+        """Return the paths that begin and end so, that of the file which was written last at the end."""
+        # Not by name: in the night in which summer time ends an hour comes twice.
+        return sorted(glob(f"{escape(start)}*{escape(end)}"), key=lambda path: (os.stat(path).st_mtime_ns, path))
 
 
 def _sync_folder(path: str) -> None:

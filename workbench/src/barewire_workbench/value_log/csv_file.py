@@ -38,6 +38,9 @@ class File(Protocol):
     def sync(self) -> None:
         """Return when what was written is on the disk."""
 
+    def is_in_place(self) -> bool:
+        """Return whether it still has its path: another program may have removed or moved it."""
+
     def close(self) -> None: ...
 
 
@@ -55,7 +58,7 @@ class Disk(Protocol):
     def remove(self, path: str) -> None: ...
 
     def names(self, start: str, end: str) -> list[str]:
-        """Return the paths that begin and end so, sorted."""
+        """Return the paths that begin and end so, that of the file which was written last at the end."""
 
 
 class CsvFile:
@@ -84,7 +87,7 @@ class CsvFile:
             self._file.close()
             raise
 
-    def add(self, row: Row) -> None:
+    def add(self, row: Row, *, is_last: bool = False) -> None:
         """Write a row. After an OSError it is not in the file."""
         self._append(csv_line([cell_text(value) for value in row]))
         self.last_time = str(row[0])
@@ -97,6 +100,10 @@ class CsvFile:
     def sync(self) -> None:
         """Return when all rows are on the disk."""
         self._file.sync()
+
+    def is_in_place(self) -> bool:
+        """Return whether it still has its path."""
+        return self._file.is_in_place()
 
     def close(self) -> None:
         """Close the file."""

@@ -2,6 +2,7 @@
 
 add(row)      written at once; the program may be killed, the row is there
 sync          at most `SYNC_EVERY` seconds later it is on the disk, and counted as `safe`: also after a power cut
+removed       if another program removes or moves the file, it is begun anew
 rotation      night.csv becomes night-2026-11-27T220000.csv, after the time of its first row, and begins anew
 full disk     what was written of a row is taken back; it is tried again with the next one
 """
@@ -36,11 +37,13 @@ class LogFile(Protocol):
     last_time: str
     cut_off: int
 
-    def add(self, row: Row) -> None: ...
+    def add(self, row: Row, *, is_last: bool = False) -> None: ...
 
     def size(self) -> int: ...
 
     def sync(self) -> None: ...
+
+    def is_in_place(self) -> bool: ...
 
     def close(self) -> None: ...
 
@@ -79,6 +82,7 @@ class RotatingLog:
     lost      rows that were given up
     problem   why rows wait; empty if none do
     rotated   the files that became full
+    begun_anew   how often the file was begun anew because another program had removed or moved it
 
     The constructor raises EncodeError for a file with other columns, PortError for one that cannot be opened. Later
     errors of the disk are in `problem`.
@@ -88,7 +92,7 @@ class RotatingLog:
         self, disk: Disk, path: str, open_file: Callable[[], LogFile], rotation: Rotation = Rotation()
     ) -> None:
         self.path = path
-        self.safe = self.lost = 0
+        self.safe = self.lost = self.begun_anew = 0
         self.problem = ""
         self.rotated: list[str] = []
         self._disk, self._open, self._rotation = disk, open_file, rotation
@@ -124,7 +128,7 @@ class RotatingLog:
         self.problem = ""
         try:
             while self._waiting:
-                self._file_for(self._waiting[0]).add(self._waiting[0])
+                self._file_for(self._waiting[0]).add(self._waiting[0], is_last=is_last)
                 self._waiting.popleft()
                 self._unsynced += 1
         except OSError as error:
@@ -151,15 +155,22 @@ class RotatingLog:
         self._unsynced = 0
 
     def _file_for(self, row: Row) -> LogFile:
-        """Return the file for a row, a new one if the present one is full."""
+        """Return the file for a row, a new one if the present one is full, or not there any more."""
+        if self._file is not None:
+            is_gone = not self._file.is_in_place()
+            if is_gone or self._is_full(self._file, row):
+                self._sync()
+                left, self._file = self._file, None
+                left.close()
+                if is_gone:
+                    self.begun_anew += 1
+                else:
+                    self._rename(left.first_time)
         if self._file is None:
-            self._file = self._open()
-        elif self._is_full(self._file, row):
-            self._sync()
-            full, self._file = self._file, None
-            full.close()
-            self._rename(full.first_time)
-            self._file = self._open()
+            try:
+                self._file = self._open()
+            except EncodeError as error:  # another program has put a file in its place
+                raise OSError(0, str(error)) from None
         return self._file
 
     def _is_full(self, file: LogFile, row: Row) -> bool:

@@ -5,6 +5,7 @@ sqlite3 night.db 'SELECT time, "Speed [rpm]" FROM samples WHERE error IS NULL'
 
 from __future__ import annotations
 
+import os
 import sqlite3
 from collections.abc import Iterator, Sequence
 from contextlib import contextmanager
@@ -14,6 +15,8 @@ from barewire.errors import EncodeError
 from barewire_workbench.value_log.sample import Row
 
 TABLE = "samples"
+_WAIT, _LAST_WAIT = 100, 5000
+"""Milliseconds in which another program may unlock the database: a row that is not the last waits for the next."""
 _INTEGERS = 1 << 63
 """Integers of SQLite have 64 bits with a sign; larger ones are stored as text."""
 
@@ -56,11 +59,13 @@ class SqliteFile:
         except BaseException:
             self._database.close()
             raise
+        self._stat = os.stat(path)
         self._insert = f"INSERT INTO {TABLE} VALUES ({', '.join('?' * len(headings))})"
 
-    def add(self, row: Row) -> None:
-        """Write a row. After an OSError it is not in the file."""
+    def add(self, row: Row, *, is_last: bool = False) -> None:
+        """Write a row. After an OSError it is not in the file. The last rows wait longer for another program."""
         with _os_error():
+            self._database.execute(f"PRAGMA busy_timeout = {_LAST_WAIT if is_last else _WAIT}")
             self._database.execute(self._insert, [*map(_stored, row[:-1]), row[-1] or None])
         self.last_time = str(row[0])
         self.first_time = self.first_time or self.last_time
@@ -73,6 +78,13 @@ class SqliteFile:
 
     def sync(self) -> None:
         """Do nothing: a transaction that has ended is on the disk."""
+
+    def is_in_place(self) -> bool:
+        """Return whether it still has its path: another program may have removed or moved it."""
+        try:
+            return os.path.samestat(os.stat(self.path), self._stat)
+        except FileNotFoundError:
+            return False
 
     def close(self) -> None:
         """Close the database."""
