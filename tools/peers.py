@@ -87,8 +87,9 @@ class Peer:
         recipe = {key: value for key, value in self.recipe.items() if key != "restates"}
         return _digest([json.dumps(recipe).encode(), *(file.read_bytes() for file in made_of)])
 
+    @cached_property
     def digest(self) -> str:
-        """Return a digest of what asks this program: its recipe, its adapter, and what adapters share."""
+        """The digest of what asks this program: its recipe, its adapter, and what adapters share."""
         files = [file for folder in (self.folder, SHARED[0]) for file in sorted(folder.glob("*.*")) if file.is_file()]
         files = [file for file in files if file.name != "findings.toml"]
         return _digest([file.read_bytes() for file in (*files, *SHARED[1:])])

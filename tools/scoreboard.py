@@ -66,7 +66,7 @@ class Asked(NamedTuple):
     def holds(self, peer: Peer, case_id: str, meaning: str) -> bool:
         """Return whether what a program said of a case then is said of the case, recipe and adapter as they are now."""
         then = self.programs.get(peer.name, {})
-        return self.cases.get(case_id) == meaning and then.get("adapter") == peer.digest()
+        return self.cases.get(case_id) == meaning and then.get("adapter") == peer.digest
 
 
 def load_asked() -> Asked:
@@ -111,7 +111,7 @@ def confirm(runs: list[PeerRun]) -> None:
                 case["unconfirmed"] = why_not(kind, wrong.get(case_id, {}), unasked, restating(kind, case, data))
         file.write_text(files.form(document), encoding="utf-8")
     programs = asked.programs | {
-        name: {"version": found.version, "adapter": found.peer.digest()} for name, found in new.items()
+        name: {"version": found.version, "adapter": found.peer.digest} for name, found in new.items()
     }
     kept_programs = {peer.name: programs[peer.name] for peer in PEERS if peer.name in programs}
     CONFIRMED.write_text(json.dumps({"programs": kept_programs, "cases": now}, indent=0) + "\n", encoding="utf-8")

@@ -95,12 +95,22 @@ def said(page: Page) -> Locator:
     return page.locator("#frame-said")
 
 
-def test_python_that_cannot_be_loaded_is_said(browser: Browser, address: str) -> None:
-    page = opened(browser, 1280, "light")
+def test_python_that_cannot_be_loaded_is_said_and_the_next_visit_needs_no_network(
+    browser: Browser, address: str
+) -> None:
+    context = browser.new_context()
+    page = context.new_page()
+    page.set_default_timeout(_LOADED)
     page.route("**/pyodide.mjs", lambda route: route.abort())
     page.goto(address)
     expect(page.locator("#loading-text")).to_contain_text("Python could not be loaded", timeout=_LOADED)
-    page.close()
+    page.evaluate("navigator.serviceWorker.ready.then(() => true)")
+    page.unroute_all()
+    context.set_offline(True)
+    page.goto(f"{address}#view=frame&protocol=can&text=605%234041600000000000")
+    page.reload()
+    expect(said(page)).to_contain_text("SDO")
+    context.close()
 
 
 def test_a_byte_edited_by_keyboard_breaks_the_crc_and_a_button_mends_it(page: Page) -> None:
@@ -158,20 +168,6 @@ def test_every_broken_example_is_broken(page: Page) -> None:
         page.locator("#frame-example").select_option(label=name)
         expect(said(page)).not_to_have_text(before)
         expect(said(page)).to_contain_text(re.compile("not valid|was asked"))
-
-
-def test_the_next_visit_needs_no_network(browser: Browser, address: str) -> None:
-    context = browser.new_context()
-    page = context.new_page()
-    page.set_default_timeout(_LOADED)
-    page.goto(address)
-    page.evaluate("navigator.serviceWorker.ready.then(() => true)")
-    page.wait_for_selector("#loading.done", state="attached")
-    context.set_offline(True)
-    page.goto(f"{address}#view=frame&protocol=can&text=605%234041600000000000")
-    page.reload()
-    expect(said(page)).to_contain_text("SDO")
-    context.close()
 
 
 def test_a_page_opened_as_a_file_says_how_to_serve_it(browser: Browser) -> None:

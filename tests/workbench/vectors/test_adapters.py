@@ -159,7 +159,7 @@ def test_no_confirmation_outlives_the_case_the_program_or_the_adapter_that_was_a
 
 
 def test_what_was_asked_holds_no_more_when_case_or_adapter_have_changed(small: Peer) -> None:
-    asked = scoreboard.Asked({"small": {"version": "1.0", "adapter": small.digest()}}, {"lrc-1": "0123"})
+    asked = scoreboard.Asked({"small": {"version": "1.0", "adapter": small.digest}}, {"lrc-1": "0123"})
     assert asked.holds(small, "lrc-1", "0123")
     assert not asked.holds(small, "lrc-1", "4567")
     assert not asked.holds(small, "lrc-2", "0123")

@@ -106,6 +106,6 @@ def test_a_finding_is_no_part_of_what_asks_a_program(tmp_path: Path) -> None:
     folder = tmp_path / "small"
     folder.mkdir()
     (folder / "peer.toml").write_text('name = "small"\nlanguage = "C"\nwhat = "a program of this test"\n')
-    before = Peer(folder).digest()
+    before = Peer(folder).digest
     (folder / "findings.toml").write_text(GOOD)
-    assert Peer(folder).digest() == before
+    assert Peer(folder).digest == before
