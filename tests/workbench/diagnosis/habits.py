@@ -131,6 +131,41 @@ def _other_request(dice: Random, exchange: Exchange) -> bytes:
     return rtu.encode(exchange.unit % 247 + 1, bytes((3, 0, dice.randrange(1, 99), 0, 2)))
 
 
+def _other_exchange(dice: Random, exchange: Exchange) -> tuple[bytes, bytes]:
+    other = exchange.unit % 247 + 1
+    return rtu.encode(other, bytes((3, 0, dice.randrange(99), 0, 2))), rtu.encode(other, b"\3\4" + dice.randbytes(4))
+
+
+def _cut_before_zero(
+    dice: Random, exchange: Exchange, asked: bytes, answered: bytes
+) -> list[tuple[float, bool, bytes]]:
+    """A response whose CRC ends with 00, without that byte."""
+    size = answered[2]
+    while rtu.encode(exchange.unit, answered[1:3] + (data := dice.randbytes(size)))[-1]:
+        pass
+    return [(0.0, True, asked), (0.05, False, rtu.encode(exchange.unit, answered[1:3] + data)[:-1])]
+
+
+def _spare_bits(dice: Random, made: list[Exchange]) -> Iterator[Entry]:
+    for number, exchange in enumerate(made):
+        quantity = dice.randint(1, 7)
+        yield Entry(36000.0 + number, True, rtu.encode(exchange.unit, bytes((1, 0, dice.randrange(99), 0, quantity))))
+        yield Entry(
+            36000.05 + number, False, rtu.encode(exchange.unit, bytes((1, 1, 0xFF >> dice.randrange(8 - quantity))))
+        )
+
+
+def _inserted(dice: Random, made: list[Exchange]) -> Iterator[Entry]:
+    """A good response, and the same one with a byte inside, of which the reader takes as many bytes as before."""
+    for number, exchange in enumerate(made):
+        asked = rtu.encode(exchange.unit, b"\x03\0" + dice.randbytes(1) + b"\0\4")
+        answered = rtu.encode(exchange.unit, b"\x03\x08" + dice.randbytes(8))
+        at = dice.randrange(3, len(answered) - 4)
+        for place, data in enumerate((answered, (answered[:at] + b"\xff" + answered[at:])[:-1])):
+            yield Entry(36000.0 + 4 * number + 2 * place, True, asked)
+            yield Entry(36000.05 + 4 * number + 2 * place, False, data)
+
+
 RTU: dict[str, Habit] = {
     "good": Habit(frozenset({"nothing-wrong"}), played(answer(lambda _, __, data: data))),
     "good in pieces": Habit(frozenset({"nothing-wrong"}), played(_split)),
@@ -257,6 +292,37 @@ RTU: dict[str, Habit] = {
         frozenset({"two-masters", "role", "wrong-answer", *SILENT}),
         played(answer(lambda d, e, __: _other_request(d, e))),
     ),
+    "the last byte, 00, is lost": Habit(
+        frozenset({"cut-frame", "byte-lost", "disturbed", "turnaround", *SILENT}), played(_cut_before_zero), reads=True
+    ),
+    "an exception without its code": Habit(
+        frozenset({"cut-frame", "disturbed"}),
+        played(answer(lambda _, e, __: rtu.encode(e.unit, bytes((e.asked[0] | EXCEPTION_BIT,))))),
+    ),
+    "digits as text": Habit(
+        frozenset({"rtu-on-ascii", "disturbed", "nothing-wrong", *SILENT}),  # in Python it is how bytes are shown
+        played(answer(lambda _, __, data: data.hex().encode())),
+    ),
+    "bits behind those asked": Habit(frozenset({"wrong-value"}), _spare_bits),
+    "unit 0 is read": Habit(
+        frozenset({"wrong-value"}),
+        played(lambda d, e, _, __: [(0, True, rtu.encode(0, bytes((3, 0, d.randrange(9), 0, 2))))]),
+    ),
+    "unit 0 is read, and a unit answers": Habit(
+        frozenset({"wrong-answer"}),
+        played(lambda d, e, _, answered: [(0, True, rtu.encode(0, e.asked)), (0.05, False, answered)]),
+        reads=True,
+    ),
+    "the same byte too many": Habit(frozenset({"byte-extra", "disturbed"}), _inserted),
+    "another master polls": Habit(
+        frozenset({"two-masters", "role", "wrong-answer", *SILENT}),
+        played(
+            lambda d, e, asked, _: [
+                (0, True, asked),
+                *((at, False, frame) for at, frame in zip((0.3, 0.35), _other_exchange(d, e))),
+            ]
+        ),
+    ),
     "broadcast": Habit(
         frozenset({"nothing-wrong"}), played(lambda d, e, asked, answered: [(0, True, rtu.encode(0, b"\x06\0\1\0\3"))])
     ),
@@ -299,6 +365,13 @@ TCP: dict[str, Habit] = {
     "another transaction": Habit(
         frozenset({"wrong-answer", *SILENT, "header-byte-order"}),
         played(answer(lambda _, __, data: b"\x12\x34" + data[2:]), "tcp"),
+    ),
+    "the transaction before": Habit(
+        frozenset({"wrong-answer"}),
+        played(answer(lambda _, __, data: (int.from_bytes(data[:2], "big") - 1).to_bytes(2, "big") + data[2:]), "tcp"),
+    ),
+    "the header alone": Habit(
+        frozenset({"cut-frame", *SILENT}), played(answer(lambda _, __, data: data[:7]), "tcp"), reads=True
     ),
     "another unit": Habit(
         frozenset({"wrong-answer", *SILENT}),

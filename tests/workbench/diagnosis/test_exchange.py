@@ -46,7 +46,7 @@ def test_a_response_to_its_request_has_no_finding(request_pdu: str, response_pdu
         ("03 0000 0001", "03 0000 0001", "echo", "the reader has read what it sent"),
         ("03 9C41 0001", "83 02", "address-base", "9C41h is 40001"),
         ("10 9C42 0001 02 0000", "90 02", "address-base", "the holding register with the address 0001h"),
-        ("03 7531 0001", "83 02", "address-base", "the input register with the address 0000h"),
+        ("04 7531 0001", "84 02", "address-base", "the input register with the address 0000h"),
     ],
 )
 def test_a_response_to_another_request_is_found(request_pdu: str, response_pdu: str, code: str, words: str) -> None:

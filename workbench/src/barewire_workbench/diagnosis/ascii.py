@@ -11,7 +11,7 @@ from collections.abc import Callable, Iterator
 from barewire.ascii.frame import DIGITS, END, START, lrc
 from barewire.rtu.crc import crc16
 from barewire_workbench.diagnosis.good import digits, good_ascii, good_rtu, good_tcp, missing, proof_of
-from barewire_workbench.diagnosis.rtu import Trial, first_findings, seven_bit
+from barewire_workbench.diagnosis.rtu import Trial, digits_as_text, first_findings, seven_bit
 from barewire_workbench.frames.findings import Finding
 from barewire_workbench.frames.modbus import explain_ascii
 from barewire_workbench.frames.result import Explanation, FrameRole, counted
@@ -35,6 +35,10 @@ def diagnose_ascii(data: bytes, role: FrameRole | None = None) -> list[Finding]:
     if not data or len(data) > _MOST or explain_ascii(data, role).valid:
         return []
     return first_findings(_TRIALS, data, role)
+
+
+def _digits_alone(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
+    yield from digits_as_text(data, role) if b":" not in data else ()
 
 
 def _other_role(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
@@ -220,4 +224,5 @@ _TRIALS: tuple[tuple[Trial, ...], ...] = (
     (_wrong_character,),
     (_odd_digits,),
     (_length,),
+    (_digits_alone,),
 )

@@ -297,7 +297,7 @@ def _address_base(pdu: bytes, known: Container[int]) -> Iterator[Finding]:
         return
     for base, (what, functions) in _TABLES.items():
         sent = address - base - 1
-        if 0 <= sent < 9999:
+        if 0 <= sent < 9999 and (pdu[0] in functions or base == 40000):  # others are addresses of many devices, too
             text = f"{address:04X}h is {address}, the number that manuals give the {what} with the address {sent:04X}h"
             other = "" if pdu[0] in functions else f"; function {functions[0]:02X} reads it"
             proof = f"exception 02 to address {address:04X}h; {address} - {base + 1} = {sent}{other}"

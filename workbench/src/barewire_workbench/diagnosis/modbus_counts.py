@@ -88,6 +88,9 @@ class LineCounts:
     echoes: int = 0
     overlaps: int = 0  # requests that were sent before another one had its response
     first_overlap: str = ""  # its proof
+    foreign: int = 0  # requests that the client received, which are not its own
+    first_foreign: str = ""
+    own: set[int] = field(default_factory=set)  # the units that the client asked before
     codes: Counter[DiagnosisCode] = field(default_factory=Counter)  # bursts by each of their findings
     kinds: Counter[DiagnosisCode] = field(default_factory=Counter)  # bursts by their first finding
 
@@ -174,6 +177,10 @@ class LineCounts:
     # Masters and units
 
     def _two_masters(self) -> list[LineVerdict]:
+        if self.foreign and not any(self.unit(number).answered for number in self.own):
+            evidence = f"{counted(self.foreign, 'request')} received that the client did not send, the first: "
+            other = "an echo that comes late, or a client that listens on a line of which it is not the master"
+            return [LineVerdict("two-masters", "another master is on the line", evidence + self.first_foreign, other)]
         if not self.overlaps:
             return []
         evidence = f"{counted(self.overlaps, 'time')}, the first: {self.first_overlap}"

@@ -11,14 +11,14 @@ recording that ends before proves nothing.
 
 from __future__ import annotations
 
-from collections import deque
+from collections import Counter, deque
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 from typing import NamedTuple
 
 from barewire.modbus.adu import BROADCAST
 from barewire.modbus.messages.base import EXCEPTION_BIT
-from barewire.modbus.messages.registry import request_class
+from barewire.modbus.messages.registry import decode_request, decode_response, request_class
 from barewire.tcp.frame import PREFIX
 from barewire_workbench.diagnosis.can_log import PROVES
 from barewire_workbench.diagnosis.exchange import (
@@ -44,6 +44,7 @@ from barewire_workbench.frames.findings import DiagnosisCode, Finding
 from barewire_workbench.frames.modbus import explain_pdu
 from barewire_workbench.frames.result import FrameRole, ProtocolName, counted
 from barewire_workbench.recordings.modbus_log import UNREADABLE, LoggedBytes, ModbusLog
+from barewire_workbench.recordings.modbus_log.marked import frame_pdu
 from barewire_workbench.recordings.modbus_replay import LogSniffers, SerialProtocol
 from barewire_workbench.recordings.model import LEFT_OUT
 from barewire_workbench.sniffer import (
@@ -59,6 +60,7 @@ from barewire_workbench.sniffer import (
     Sniffer,
     SnifferEvent,
     answers,
+    readable,
     shapes,
 )
 
@@ -84,6 +86,9 @@ _NO_TARGET = (b"\x0a", b"\x0b")
 _ILLEGAL_ADDRESS = b"\x02"
 _FIVE_DIGITS = 10_000
 """Numbers of manuals with the digit of their table are above."""
+_READS = frozenset({0x01, 0x02, 0x03, 0x04})
+_SHOWN = 32
+"""Characters of a text in the proof of a finding."""
 _DIAGNOSTICS, _LISTEN_ONLY = 0x08, b"\x00\x04"
 
 
@@ -149,12 +154,19 @@ class LineDiagnosis:
         self._lines: deque[tuple[tuple[float, int, bytes], Piece]] = deque(maxlen=_KEPT)
         self._spoiled: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # requests whose response is damaged
         self._answered: ResponseSeen | None = None  # the last response, if it has a request
+        self._answered_broadcast: ResponseSeen | None = None
         self._other_count: ResponseSeen | None = None  # the last response with another count than its request asked
         self._overlap: Overlap | None = None
         self._half: AmbiguousFrame | None = None  # the next frame decides whether it is a wrong response to this one
         self._given_up: deque[RequestSeen] = deque(maxlen=_KEPT)  # requests whose response may still come
         self._last_request: RequestSeen | None = None
         self._open: dict[int, RequestSeen] = {}  # requests without a response, by the transaction of TCP
+        self.repeated: frozenset[bytes] = frozenset()
+        """Bytes that are in the log more than once."""
+        self._strays: set[bytes] = set()  # noise beside frames
+        self._seen: deque[Piece] = deque(maxlen=_KEPT)  # frames and damaged pieces, to compare later ones with
+        self._zero_answers = False  # a device answers as unit 0
+        self._to_all: RequestSeen | None = None  # a request to read of unit 0, if nothing came since
         self._listening: set[int] = set()  # units that were commanded to listen only
 
     def __repr__(self) -> str:
@@ -171,7 +183,7 @@ class LineDiagnosis:
 
     def flush(self) -> list[LogFinding]:
         """Decide about noise that no frame followed, and about requests of which no more will come."""
-        located = [*self._decide(None), *self._end_overlap(), *self._end_half()]
+        located = [*self._decide(None), *self._end_overlap(), *self._end_half(), *self._end_broadcast(None)]
         return [self._log_finding(*finding) for finding in located]
 
     def verdicts(self) -> list[LineVerdict]:
@@ -202,6 +214,7 @@ class LineDiagnosis:
         yield from self._decide(piece, role)
         self.counts.frames += 1
         self._lines.append(((piece.end, piece.adu.unit, piece.adu.pdu), piece))
+        self._seen.append(piece)
         if role == "request":
             self.counts.requests += 1
         else:
@@ -222,6 +235,8 @@ class LineDiagnosis:
         request, response = shapes(piece.adu.pdu)
         if request != response:
             return "request" if request else "response"
+        if piece.from_client is not None:
+            return "request" if piece.from_client else "response"
         asked = self._asked
         return "response" if asked is not None and asked.adu == piece.adu else "request"
 
@@ -249,16 +264,16 @@ class LineDiagnosis:
         else:
             self.counts.stray += 1
             text = f"{counted(len(noise.data))} without a frame"
-            yield Located(0, Finding("no-frame", text, shown_digits(noise.data)), noise.end, noise.line)
+            yield Located(0, Finding("no-frame", text, _content(noise.data)), noise.end, noise.line)
 
     def _begins_answer(self, noise: Piece) -> bool:
         """Return whether noise begins with the unit and the function that were asked."""
         asked = self._asked.adu if self._asked is not None and noise.from_client is not True else None
         head = noise.data[PREFIX if self.protocol == "tcp" else 0 :][:2]
-        return asked is not None and head in (
-            bytes((asked.unit, asked.pdu[0])),
-            bytes((asked.unit, asked.pdu[0] | EXCEPTION_BIT)),
-        )
+        if asked is None or len(head) < (1 if self.protocol == "tcp" else 2):
+            return False
+        functions = asked.pdu[0], asked.pdu[0] | EXCEPTION_BIT
+        return any(bytes((asked.unit, function)).startswith(head) for function in functions)
 
     def _beside(self, noise: Piece, frame: Piece) -> bool:
         return frame.joined or (self._timed and frame.start - noise.end <= _BESIDE)
@@ -266,6 +281,10 @@ class LineDiagnosis:
     def _stray(self, code: DiagnosisCode, noise: Piece, frame: Piece, where: str) -> Located:
         assert frame.adu is not None
         text = f"{counted(len(noise.data))} of noise {where}"
+        if noise.data in self._strays and len(set(noise.data)) > 1:
+            text = f"{counted(len(noise.data))} {where}, the same as before: a header of the device's own, or noise"
+        if len(self._strays) < _KEPT:
+            self._strays.add(noise.data)
         proof = f"{shown_digits(noise.data)} beside the good frame {shown_digits(frame.data)}"
         return Located(frame.adu.unit, Finding(code, text, proof), noise.end, noise.line)
 
@@ -273,6 +292,9 @@ class LineDiagnosis:
         """Diagnose bytes that should be a frame: the response to the open request, or anything. `is_first`: they begin
         the log, and a frame follows at once."""
         counts, asked, begins = self.counts, self._asked, False
+        if asked is None and self._is_part_again(noise):
+            self.unsettled.open["frame printed again without its beginning"] += 1
+            return
         counts.bursts += 1
         unit = 0
         role: FrameRole | None = None
@@ -301,6 +323,14 @@ class LineDiagnosis:
         findings = self._examiner.findings(noise.data, role, good=counts.frames >= PROVES)
         if unit and findings and findings[0].code in WEAK and not begins:
             findings = []  # what is no answer to this request may look like the beginning of any
+        if findings and findings[0].code == "bit-flip" and noise.data in self.repeated:
+            findings = []  # no disturbance changes the same bit twice
+        if findings and not unit and (part := self._part_of_frame(findings[0], noise.data)):
+            counts.bursts -= 1
+            self.unsettled.open[part] += 1
+            return
+        findings = findings or self._compared(noise)
+        self._seen.append(noise)
         if is_first and findings and findings[0].code == "byte-lost" and findings[0].text.startswith("the first"):
             counts.bursts -= 1
             self.unsettled.unseen.append("the beginning of the first frame, before which the log begins")
@@ -312,7 +342,38 @@ class LineDiagnosis:
             return
         counts.kinds["no-frame"] += 1
         text = f"{counted(len(noise.data))} outside of a frame" + (", where a response was due" if unit else "")
-        yield Located(unit, Finding("no-frame", text, shown_digits(noise.data)), noise.end, noise.line)
+        yield Located(unit, Finding("no-frame", text, _content(noise.data)), noise.end, noise.line)
+
+    def _is_part_again(self, noise: Piece) -> bool:
+        """Return whether a program printed the last frame again, without its header or unit."""
+        before = self._before.data if self._before is not None else b""
+        return before.endswith(noise.data) and 0 < len(before) - len(noise.data) <= PREFIX and len(noise.data) > _STRAY
+
+    def _part_of_frame(self, finding: Finding, data: bytes) -> str:
+        """Return what bytes are that a program printed before it completed them; empty if they were received so."""
+        if finding.code in ("crc-missing", "mbap-missing") and self.counts.frames:
+            return "frame without its checksum or header, as a program prints it before it is whole"
+        is_pdu = any(readable(decode, data) is not None for decode in (decode_request, decode_response))
+        return "PDU without its unit and checksum" if finding.code == "cut-frame" and is_pdu else ""
+
+    def _compared(self, noise: Piece) -> list[Finding]:
+        """Return in what bytes that are no frame differ from others before them: bytes in front, or one too many."""
+        data = noise.data
+        for other in reversed(self._seen):
+            if other.adu is None and frame_pdu("rtu", other.data + data) is not None:
+                text = f"the rest of the frame that begins in line {other.line}: the reader ended it too early"
+                return [Finding("cut-frame", text, f"the CRC fits: {shown_digits(other.data + data)}")]
+            more = len(data) - len(other.data)
+            if 0 < more <= _STRAY and data.endswith(other.data):
+                text = f"{counted(more)} before the bytes of line {other.line}: {shown_digits(data[:more])}"
+                return [Finding("noise-before", text, shown_digits(data))]
+            at = next((at for at, (here, there) in enumerate(zip(data, other.data)) if here != there), 0)
+            rest = data[at + 1 :]
+            if more in (0, 1) and at > 1 and len(rest) > _STRAY and other.data[at:].startswith(rest):
+                text = f"byte {at}, {data[at]:02X}h, is too many: without it these are the bytes of line {other.line}"
+                cut = ", whose last one was not read" if more == 0 else ""
+                return [Finding("byte-extra", text + cut, shown_digits(data))]
+        return []
 
     # Events: requests and responses
 
@@ -321,8 +382,13 @@ class LineDiagnosis:
             yield from self._end_overlap()
         if not isinstance(event, NoiseSeen | AmbiguousFrame):
             yield from self._end_half()
+        if not isinstance(event, NoiseSeen):
+            yield from self._end_broadcast(event)
         match event:
             case RequestSeen():
+                self._note_foreign(event)
+                if event.unit == BROADCAST and event.pdu[0] in _READS and event.transaction is None:
+                    self._to_all = event
                 if event.unit != BROADCAST:
                     self.counts.unit(event.unit).requests += 1
                     self._note_request(event)
@@ -339,6 +405,33 @@ class LineDiagnosis:
                     self.unsettled.open[f"request to unit {request.unit} at the end"] += 1
             case AmbiguousFrame() if not self._listens(event):
                 yield from self._either(event)
+
+    def _end_broadcast(self, event: SnifferEvent | None) -> Iterator[Located]:
+        """Decide about a request to read of unit 0, now that the next event is known."""
+        asked, self._to_all = self._to_all, None
+        if asked is None or self._zero_answers or (isinstance(event, RequestSeen) and not event.unit):
+            return  # a device that answers as unit 0
+        fits = isinstance(event, ResponseSeen) and event.pdu[0] & ~EXCEPTION_BIT == asked.pdu[0]
+        proof = explain_pdu(asked.pdu, "request").summary
+        if fits and isinstance(event, ResponseSeen):
+            text = f"unit {event.unit} answers, and unit 0 was asked: ask unit {event.unit}"
+            self._answered_broadcast = event
+            yield self._located(event, Finding("wrong-answer", text, f"asked: {proof}"))
+        else:
+            text = (
+                "unit 0 is the broadcast, to which no unit answers: a request that reads needs the unit of the device"
+            )
+            yield self._located(asked, Finding("wrong-value", text, proof))
+
+    def _note_foreign(self, event: RequestSeen) -> None:
+        """Count a request that the client received: its own echo, or one of another master."""
+        piece, before = self._piece_of(event), self._last_request
+        is_received = piece is not None and piece.from_client is False and event.transaction is None
+        if is_received and before is not None and before.unit != event.unit:
+            self.counts.foreign += 1
+            self.counts.own.add(before.unit)
+            summary = f"unit {event.unit}, {explain_pdu(event.pdu, 'request').summary}"
+            self.counts.first_foreign = self.counts.first_foreign or summary
 
     def _either(self, event: AmbiguousFrame) -> Iterator[Located]:
         """Take a write, or the equal response to it. Two different ones at once are a write and a wrong response."""
@@ -379,7 +472,8 @@ class LineDiagnosis:
         if error is None or request_class(request.pdu) is None:
             return
         if request.unit == BROADCAST and shapes(request.pdu) == (False, True):
-            self.unsettled.open["response of unit 0, to which no unit answers"] += 1
+            self.unsettled.open["response of unit 0"] += 1
+            self._zero_answers = True
             return
         frame = frame_of(self.protocol, None, request.unit, request.pdu)
         findings = self._examiner.findings(frame, "request", good=True)
@@ -446,7 +540,7 @@ class LineDiagnosis:
             text = f"a second response to the same request, {1e3 * (event.at - before.at):.1f} ms after the first"
             proof = f"{shown_digits(before.pdu)}, then {shown_digits(event.pdu)}"
             yield self._located(event, Finding("two-answers", text, proof))
-        elif event is self._other_count:
+        elif event in (self._other_count, self._answered_broadcast):
             return  # it has its finding, and its request is known
         elif (wrong := self._wrong_answer(event)) is not None:
             unit.wrong += 1
@@ -456,6 +550,9 @@ class LineDiagnosis:
             text = "the two bytes of the transaction identifier are exchanged"
             proof = f"the request has {asked.transaction:04X}h, the response {event.transaction:04X}h"
             yield self._located(event, Finding("header-byte-order", text, proof))
+        elif (numbered := self._with_other_number(event)) is not None:
+            unit.wrong += 1
+            yield numbered
         else:
             self.unsettled.open[f"response of unit {event.unit} without its request"] += 1
             self._note_refusal(event)
@@ -479,6 +576,8 @@ class LineDiagnosis:
         if exception == _ILLEGAL_ADDRESS and int.from_bytes(request.pdu[1:3], "big") > _FIVE_DIGITS:
             for finding in exchange_findings(self.protocol, request, event, "address-base"):
                 yield self._located(event, finding)
+        if (unused := _unused_bits(request.pdu, event.pdu)) is not None:
+            yield self._located(event, unused)
         if event.older is not None:
             self.unsettled.open[f"response of unit {event.unit} that fits two requests"] += 1
         if event.late:
@@ -531,6 +630,18 @@ class LineDiagnosis:
         if request is None or request.unit != event.unit:
             return None
         return request if request.pdu[0] == event.pdu[0] & ~EXCEPTION_BIT else None
+
+    def _with_other_number(self, event: ResponseSeen) -> Located | None:
+        """Return the finding on a TCP response that fits an open request but has the transaction of one just before."""
+        asked = next((seen for seen in self._open.values() if answers(seen, event.unit, event.pdu)), None)
+        late = (asked.transaction or 0) - (event.transaction or 0) if asked is not None else 0
+        if asked is None or not 0 < late <= _STRAY:
+            return None
+        self._spoiled.append((asked.unit, asked.at))
+        numbers = f"transaction {event.transaction} answers, and {asked.transaction} was asked"
+        text = f"{numbers}: the response to an earlier request, if the device is right"
+        proof = f"asked: {explain_pdu(asked.pdu, 'request').summary}; unit, function and length fit"
+        return self._located(event, Finding("wrong-answer", text, proof))
 
     def _late_for(self, event: ResponseSeen) -> RequestSeen | None:
         """Return the request that was given up and that this response answers."""
@@ -634,6 +745,26 @@ class LineDiagnosis:
         return request.unit in self._listening
 
 
+def _content(data: bytes) -> str:
+    """Return bytes as the proof of a finding shows them; characters are a text of another protocol."""
+    text = data.decode("latin-1").rstrip("\r\n")
+    return shown_digits(data) + (
+        f": the characters {text[:_SHOWN]!r}" if len(text) > _STRAY and text.isprintable() else ""
+    )
+
+
+def _unused_bits(request: bytes, response: bytes) -> Finding | None:
+    """Return the finding on bits behind those that were asked: they are 0 [MB-APP 6.1]."""
+    if request[0] not in (1, 2) or response[0] != request[0] or len(request) != 5:
+        return None
+    quantity = int.from_bytes(request[3:5], "big")
+    spare = response[-1] >> (quantity % 8 or 8)
+    if not spare:
+        return None
+    text = f"bits are set behind the {quantity} that {'was' if quantity == 1 else 'were'} asked; unused bits are 0"
+    return Finding("wrong-value", text, f"the last byte is {response[-1]:02X}h: use only the lowest {quantity % 8}")
+
+
 def _ignore(event: SnifferEvent, protocol: ProtocolName) -> None:
     """Take an event, and do nothing."""
 
@@ -657,6 +788,9 @@ class ModbusLogDiagnosis:
     ) -> None:
         self.log = log = _with_framing(log)
         self._on_event = on_event
+        pieces = [item.data for item in log.items if isinstance(item, LoggedBytes) and len(item.data) > _STRAY]
+        tails = {data[before:] for data in pieces for before in range(1, _STRAY + 1)}
+        self._repeated = frozenset(data for data, count in Counter(pieces).items() if count > 1 or data in tails)
         self.lines: dict[str, LineDiagnosis] = {}
         self._tracked: dict[str, list[TrackedLine]] = {}
         self._place: tuple[int, bool | None] = (0, None)
@@ -673,6 +807,7 @@ class ModbusLogDiagnosis:
         self._tracked.setdefault(name, []).append(tracked)
         if name not in self.lines:
             self.lines[name] = LineDiagnosis(protocol, timed=self.log.timed)
+            self.lines[name].repeated = self._repeated
         if len(self.lines) == 2:  # one alone has no name
             for other, diagnosis in self.lines.items():
                 diagnosis.name = other
@@ -729,8 +864,9 @@ def _with_framing(log: ModbusLog) -> ModbusLog:
     pieces = [item for item in log.items if isinstance(item, LoggedBytes)]
     if any(item.protocol is not None for item in pieces) or not any(is_tcp(item.data) for item in pieces):
         return log
+    # An exception is a response.
     items = (
-        item._replace(protocol="tcp", from_client=item.from_client is not False)
+        item._replace(protocol="tcp", from_client=item.from_client is not False and item.data[7:8] < b"\x80")
         if isinstance(item, LoggedBytes)
         else item
         for item in log.items

@@ -26,6 +26,7 @@ So a frame of n bytes takes about 2 n steps for each of these questions, and not
 
 from __future__ import annotations
 
+import re
 from collections.abc import Callable, Iterator
 from itertools import chain
 from typing import NamedTuple
@@ -335,8 +336,31 @@ def left_over(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
             yield Finding("byte-extra", text, f"without {digits(rest)} it is {without_checksum(good)}")
 
 
+def cut_before_zero(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
+    """A good frame without its last byte, 00: behind a CRC that fits, another 00 leaves it so."""
+    frame = data + b"\0"
+    if len(data) > SHORTEST and (good := good_rtu(frame)) is not None:
+        text = f"the beginning of a {good.role}, 1 byte is to come: the CRC fits by chance, since the last byte is 00"
+        yield Finding("cut-frame", text, f"with 00 {proof_of(frame, good)}")
+
+
+def digits_as_text(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
+    """Hexadecimal digits that are sent as characters, without what Modbus ASCII has around them."""
+    text = data.decode("latin-1").strip()
+    if len(text) < 2 * SHORTEST or re.fullmatch(r"(?:[0-9A-Fa-f]{2})+", text) is None:
+        return
+    first, frames = _good_frames(inner := bytes.fromhex(text))
+    proof = "; ".join(proof_of(frame, good) for frame, good in frames) if frames else f"{digits(inner)} as digits"
+    behind = f"behind {digits(inner[:first])}, " if first else ""
+    what = "hexadecimal digits as characters, without the colon and the LRC of Modbus ASCII"
+    yield Finding("rtu-on-ascii", what, behind + proof)
+
+
 def too_short(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
     """A message that ends too early, with the CRC of what is there."""
+    if len(data) == SHORTEST and data[1] & EXCEPTION_BIT and role != "request":
+        proof = f"the CRC of {digits(data[:2])} is {digits(data[2:])}"
+        yield Finding("cut-frame", "an exception without its code: the sender made it so", proof)
     for rest in missing(data[:-2], 0, role) if len(data) > 5 else ():
         if not rest.is_least:
             text = f"{rest.text()}, but the CRC fits what is there: the sender made it so"
@@ -528,7 +552,7 @@ def _cut(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
 _READINGS: tuple[Trial, ...] = (_other_role, _ascii, seven_bit, _mbap)
 
 RTU_TRIALS: tuple[tuple[Trial, ...], ...] = (
-    (*_READINGS, swapped_crc, _complemented),
+    (*_READINGS, digits_as_text, swapped_crc, _complemented),
     (frames_inside,),
     (crc_span, crc_kind),
     (byte_count, one_bit, one_less, one_more),
@@ -541,6 +565,7 @@ RTU_TRIALS: tuple[tuple[Trial, ...], ...] = (
 _TRIALS_OF_CONTENT: tuple[tuple[Trial, ...], ...] = (
     _READINGS,
     (frames_inside,),
+    (cut_before_zero,),
     (byte_count, byte_count_form, left_over, address_byte_order),
     (unit_missing, too_short),
 )

@@ -52,7 +52,7 @@ class RecordedTcpLine(TcpLine):
         if not data:
             return []
         events: list[Adu | Noise] = []
-        if self._held and self._begins_frame(data):
+        if self._held and (self._begins_frame(data) or self._is_next_header(data)):
             events += self.end()
         length, size = int.from_bytes(data[4:6], "big"), len(data) - PREFIX
         is_message = not self._held and data[2:4] == b"\0\0" and self._measure(data[7:]) == size - 1 > 0
@@ -74,6 +74,13 @@ class RecordedTcpLine(TcpLine):
         held, self._held = self._held, b""
         text = f"length {int.from_bytes(held[4:6], 'big')} promises more than the {len(held) - PREFIX} bytes here"
         return [Noise(held, "length", text)] if held else []
+
+    def _is_next_header(self, data: bytes) -> bool:
+        """Return whether the bytes are the header that follows the held one: the reader took no more of each frame."""
+        if len(data) != len(self._held):
+            return False
+        number = int.from_bytes(self._held[:2], "big") + 1 & 0xFFFF
+        return data.startswith(number.to_bytes(2, "big") + b"\0\0\0") and data[6:7] == self._held[6:7]
 
     def _begins_frame(self, data: bytes) -> bool:
         """Return whether the bytes begin with a header and a PDU of a known function with that length."""
