@@ -36,9 +36,9 @@ def lazy(room: str, files: Mapping[str, str]) -> tuple[Callable[[str], Any], Cal
 
     def find(name: str) -> Any:
         if name in file_of:
-            found = getattr(import_module(f"{room}.{file_of[name]}"), name)
-            vars(modules[room])[name] = found  # the package has the name now, so this runs once
-            return found
+            value = getattr(import_module(f"{room}.{file_of[name]}"), name)
+            vars(modules[room])[name] = value  # the package has the name now, so this runs once
+            return value
         raise AttributeError(f"module {room!r} has no attribute {name!r}")
 
     def known() -> list[str]:

@@ -146,8 +146,8 @@ def codec(name: str, order: Order = "ABCD") -> Number:
     >>> codec("f32", "DCBA").encode(1.1).hex(" ").upper()
     'CD CC 8C 3F'
     """
-    found = _made.get((name, order))
-    if found is None:
+    number = _made.get((name, order))
+    if number is None:
         # Bounded: Number accepts 18 names and 4 orders.
-        found = _made[name, order] = Number(name, order)
-    return found
+        number = _made[name, order] = Number(name, order)
+    return number

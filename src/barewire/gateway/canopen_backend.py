@@ -108,16 +108,16 @@ class _Registers:
     def within(self, first: int, quantity: int) -> list[tuple[ModbusAt, Parameter]]:
         """Return the parameters at these addresses, by address. Raises ModbusException 02 unless every address belongs
         to one, and none is cut."""
-        found: dict[Parameter, ModbusAt] = {}
+        place_of: dict[Parameter, ModbusAt] = {}
         for address in range(first, first + quantity):
             parameters = self.by_address.get(address)
             if not parameters:
                 raise ModbusException(ILLEGAL_DATA_ADDRESS)
-            found |= {parameter: parameter.modbus for parameter in parameters if parameter.modbus is not None}
-        for place in found.values():
+            place_of |= {parameter: parameter.modbus for parameter in parameters if parameter.modbus is not None}
+        for place in place_of.values():
             if place.address < first or place.address + place.words > first + quantity:
                 raise ModbusException(ILLEGAL_DATA_ADDRESS)
-        return [(place, parameter) for parameter, place in found.items()]
+        return [(place, parameter) for parameter, place in place_of.items()]
 
 
 class CanopenUnit:
@@ -182,12 +182,12 @@ class CanopenUnit:
 
     async def _read(self, function: int, first: int, quantity: int) -> bytes:
         table = self._tables.get(_READS[function], _Registers())
-        found = table.within(first, quantity)
-        if not all(parameter.readable for _, parameter in found):
+        cells = table.within(first, quantity)
+        if not all(parameter.readable for _, parameter in cells):
             raise ModbusException(ILLEGAL_DATA_ADDRESS)
-        readings = await self._reader.read_all([parameter.name for _, parameter in found])
+        readings = await self._reader.read_all([parameter.name for _, parameter in cells])
         content = dict.fromkeys(range(first, first + quantity), 0)
-        for (place, parameter), reading in zip(found, readings):
+        for (place, parameter), reading in zip(cells, readings):
             if place.table in ("coil", "discrete"):
                 content[place.address] = int(bool(reading.value))
                 continue
@@ -208,8 +208,8 @@ class CanopenUnit:
 
     async def _write_coils(self, first: int, bits: Sequence[Any]) -> None:
         table = self._tables.get("coil", _Registers())
-        found = table.within(first, len(bits))
-        await self._write({parameter.name: bool(bits[place.address - first]) for place, parameter in found})
+        cells = table.within(first, len(bits))
+        await self._write({parameter.name: bool(bits[place.address - first]) for place, parameter in cells})
 
     async def _write(self, values: dict[str, Value]) -> None:
         try:

@@ -201,7 +201,7 @@ def places(text: str) -> dict[Path, tuple[int, int]]:
     >>> places('[[backend]]\\nname = "hall"\\n  [backend.unit.5]\\n  gap = 0.1')[("backend", 0, "unit", "5", "gap")]
     (4, 3)
     """
-    found: dict[Path, tuple[int, int]] = {}
+    positions: dict[Path, tuple[int, int]] = {}
     arrays: dict[Path, int] = {}
     table: Path = ()
     for number, line in enumerate(text.splitlines(), 1):
@@ -214,18 +214,18 @@ def places(text: str) -> dict[Path, tuple[int, int]]:
                     arrays[table] = arrays.get(table, -1) + 1
                 if table in arrays:
                     table = (*table, arrays[table])
-            found.setdefault(table, (number, header.start(1) + 1))
+            positions.setdefault(table, (number, header.start(1) + 1))
         elif key := _KEY.match(line):
             names = [name.strip("\"'") for name in key[1].split(".")]
-            found.setdefault((*table, *names), (number, key.start(1) + 1))
-    return found
+            positions.setdefault((*table, *names), (number, key.start(1) + 1))
+    return positions
 
 
 class _Reader:
     """Makes a configuration of the tables of a file, and notes what is wrong instead of raising it."""
 
-    def __init__(self, found: Mapping[Path, tuple[int, int]]) -> None:
-        self._places = found
+    def __init__(self, positions: Mapping[Path, tuple[int, int]]) -> None:
+        self._places = positions
         self.faults: list[ConfigFault] = []
 
     def _fault(self, path: Path, text: str) -> None:

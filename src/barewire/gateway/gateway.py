@@ -299,5 +299,6 @@ def _context_of(url: str) -> SSLContext | None:
 
 def _same_port(url: str, other: str) -> bool:
     """Whether two listeners would have the same port, so that only one of them can be open."""
-    one, two = listener_endpoint(url), listener_endpoint(other)
-    return one.host_and_port == two.host_and_port and one.is_datagram == two.is_datagram and one.host_and_port[1] != 0
+    first, second = listener_endpoint(url), listener_endpoint(other)
+    is_same = (first.host_and_port, first.is_datagram) == (second.host_and_port, second.is_datagram)
+    return is_same and first.host_and_port[1] != 0

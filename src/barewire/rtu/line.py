@@ -203,8 +203,8 @@ class RtuLine:
                 events.append(self._take(end))
             elif self._first_due != _NEVER and len(self._held) < LONGEST:
                 break
-            elif found := self._hunt():
-                events += found
+            elif inside := self._hunt():
+                events += inside
             elif self.role != "listener" and len(self._held) > LONGEST and (ends := self._ends(0)):
                 # A frame without a known length, and others follow it without a silence.
                 events.append(self._take(ends[0]))
@@ -240,8 +240,8 @@ class RtuLine:
                 end = len(self._held)
             if end is not None:
                 events.append(self._take(end))
-            elif not self.strict and (found := self._divide() or self._hunt()):
-                events += found
+            elif not self.strict and (inside := self._divide() or self._hunt()):
+                events += inside
             else:
                 events.append(self._drop(len(self._held), *self._diagnosis()))
         return events

@@ -99,11 +99,11 @@ def scanner_list(objects: ObjectDictionary) -> list[ObjectAddress]:
     >>> scanner_list(ObjectDictionary([Entry(0x1FA0, 1, "scanner", "u32", "rw", 0x02_6401_01)]))
     [(25601, 1), (25601, 2)]
     """
-    found: dict[ObjectAddress, None] = {}
+    scanned: dict[ObjectAddress, None] = {}
     for word in _words(objects, _SCANNER):
         index, sub = word >> 8 & 0xFFFF, word & 0xFF
-        found |= dict.fromkeys((index, sub + step) for step in range(word >> 24 or 1) if index and sub + step <= 0xFF)
-    return list(found)
+        scanned |= dict.fromkeys((index, sub + step) for step in range(word >> 24 or 1) if index and sub + step <= 0xFF)
+    return list(scanned)
 
 
 def dispatcher_list(objects: ObjectDictionary) -> dict[tuple[int, int, int], ObjectAddress]:

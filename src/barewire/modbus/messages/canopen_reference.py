@@ -100,10 +100,10 @@ class ExtendedExceptionResponse(Response):
             "length": "bytes that follow",
             "error": "SDO abort",
         }
-        found = [field._replace(meaning=words.get(field.name, field.meaning)) for field in cls.layout.fields(pdu)]
+        fields = [field._replace(meaning=words.get(field.name, field.meaning)) for field in cls.layout.fields(pdu)]
         return [
             field._replace(meaning=f"{field.value:08X}h of CANopen") if field.name == "abort_code" else field
-            for field in found
+            for field in fields
         ]
 
 
@@ -172,8 +172,10 @@ def _fields(pdu: bytes) -> list[Field]:
     dialect = _dialect(pdu)
     controls = {READ: "read", WRITE: "write"}
     words = {"control": f"{controls.get(pdu[2], 'not supported')}; dialect {dialect}"} if len(pdu) > 2 else {}
-    found = [field._replace(meaning=words.get(field.name, "")) for field in _LAYOUTS[dialect].fields(pdu)]
-    return [field._replace(meaning=f"object {field.value:04X}h") if field.name == "index" else field for field in found]
+    fields = [field._replace(meaning=words.get(field.name, "")) for field in _LAYOUTS[dialect].fields(pdu)]
+    return [
+        field._replace(meaning=f"object {field.value:04X}h") if field.name == "index" else field for field in fields
+    ]
 
 
 @dataclass(frozen=True, slots=True)

@@ -39,17 +39,17 @@ def _is_bit(value: object) -> bool:
         return False
 
 
-def _bit_fields(found: list[Field], name: str) -> list[Field]:
+def _bit_fields(fields: list[Field], name: str) -> list[Field]:
     """Replace the packed tail by one field for each byte, with its bits in the order of addresses."""
-    tail = found[-1] if found and isinstance(found[-1].value, str) else None
+    tail = fields[-1] if fields and isinstance(fields[-1].value, str) else None
     if tail is None:
-        return found
+        return fields
     rows = []
     for place, byte in enumerate(bytes.fromhex(str(tail.value))):
         bits = " ".join(str(byte >> bit & 1) for bit in range(8))
         meaning = f"{name} {8 * place}..{8 * place + 7} of this answer or request, first to last: {bits}"
         rows.append(Field(tail.offset + place, 1, f"{name}s", byte, meaning))
-    return [*found[:-1], *rows]
+    return [*fields[:-1], *rows]
 
 
 @dataclass(frozen=True, slots=True)

@@ -54,13 +54,13 @@ def event_text(event: int) -> str:
     return f"{event_name}: {details}" if details else event_name
 
 
-def _status_words(found: list[Field], name: str = "status") -> list[Field]:
+def _status_words(fields: list[Field], name: str = "status") -> list[Field]:
     words = {READY: "ready", BUSY: "busy with a program command"}
     return [
         field._replace(meaning=words.get(int(str(field.value)), "neither 0000h nor FFFFh"))
         if field.name == name
         else field
-        for field in found
+        for field in fields
     ]
 
 
@@ -163,9 +163,9 @@ class GetCommEventLogResponse(Response):
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
         """Return the fields, with each event in words."""
-        found = _status_words([field for field in cls.layout.fields(pdu) if field.name != "events"])
+        fields = _status_words([field for field in cls.layout.fields(pdu) if field.name != "events"])
         start = cls.layout.size
-        return found + [
+        return fields + [
             Field(start + row, 1, "event", event, event_text(event)) for row, event in enumerate(pdu[start:])
         ]
 

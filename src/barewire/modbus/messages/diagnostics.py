@@ -36,10 +36,10 @@ class ReadExceptionStatusResponse(Response):
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
         """Return the fields, with bits 7 to 0 of the status."""
-        found = cls.layout.fields(pdu)
-        if len(found) > 1:
-            found[1] = found[1]._replace(meaning=f"bits 7..0: {pdu[1]:08b}")
-        return found
+        fields = cls.layout.fields(pdu)
+        if len(fields) > 1:
+            fields[1] = fields[1]._replace(meaning=f"bits 7..0: {pdu[1]:08b}")
+        return fields
 
 
 @dataclass(frozen=True, slots=True)
@@ -115,11 +115,11 @@ def _check_asked(sub_function: int, data: bytes) -> None:
         raise EncodeError(f"data {given} for sub-function {sub_function:02X}: expected {right}", "data")
 
 
-def _diagnostics_fields(found: list[Field]) -> list[Field]:
-    if len(found) > 1:
-        name = SUB_FUNCTIONS.get(int(str(found[1].value)), "reserved: no public sub-function")
-        found[1] = found[1]._replace(meaning=name)
-    return found
+def _diagnostics_fields(fields: list[Field]) -> list[Field]:
+    if len(fields) > 1:
+        name = SUB_FUNCTIONS.get(int(str(fields[1].value)), "reserved: no public sub-function")
+        fields[1] = fields[1]._replace(meaning=name)
+    return fields
 
 
 @dataclass(frozen=True, slots=True)

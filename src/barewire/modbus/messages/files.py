@@ -116,14 +116,14 @@ class ReadFileRecordResponse(Response):
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
         """Return the fields of each group."""
-        found, at = cls.layout.fields(pdu)[:2], cls.layout.size
+        fields, at = cls.layout.fields(pdu)[:2], cls.layout.size
         while at < len(pdu):
             end = min(len(pdu), at + 1 + pdu[at])
-            found.append(Field(at, 1, "length", pdu[at], "bytes in this group"))
-            found += [Field(at + 1, 1, "reference_type", pdu[at + 1]) for _ in pdu[at + 1 : min(end, at + 2)]]
-            found += register_rows(pdu[at + 2 : end], at + 2)
+            fields.append(Field(at, 1, "length", pdu[at], "bytes in this group"))
+            fields += [Field(at + 1, 1, "reference_type", pdu[at + 1]) for _ in pdu[at + 1 : min(end, at + 2)]]
+            fields += register_rows(pdu[at + 2 : end], at + 2)
             at = end
-        return found
+        return fields
 
 
 @dataclass(frozen=True, slots=True)
@@ -180,10 +180,10 @@ class ReadFileRecord(_FileRequest[ReadFileRecordResponse]):
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
         """Return the fields of each group."""
-        found = cls.layout.fields(pdu)[:2]
+        fields = cls.layout.fields(pdu)[:2]
         for start in range(cls.layout.size, len(pdu), _PLACE.size):
-            found += _PLACE.fields(pdu[start : start + _PLACE.size], start)
-        return found
+            fields += _PLACE.fields(pdu[start : start + _PLACE.size], start)
+        return fields
 
 
 def _records(records: Iterable[Sequence[Any]]) -> tuple[FileRecord, ...]:
@@ -192,11 +192,11 @@ def _records(records: Iterable[Sequence[Any]]) -> tuple[FileRecord, ...]:
     for _, _, registers in records:
         check_registers(registers)
         from_registers(registers)  # raises EncodeError for a value outside 0..65535
-    found = tuple(FileRecord(file, record, tuple(map(index, registers))) for file, record, registers in records)
-    for group in found:
+    checked = tuple(FileRecord(file, record, tuple(map(index, registers))) for file, record, registers in records)
+    for group in checked:
         _check_place(group.file, group.record, len(group.registers))
-    check_range("byte_count", sum(_PLACE.size + 2 * len(group.registers) for group in found), 9, _BYTES_LIMIT)
-    return found
+    check_range("byte_count", sum(_PLACE.size + 2 * len(group.registers) for group in checked), 9, _BYTES_LIMIT)
+    return checked
 
 
 @dataclass(frozen=True, slots=True)
@@ -241,14 +241,14 @@ class _WrittenRecords(Message):
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
         """Return the fields of each group, with each register."""
-        found, at = cls.layout.fields(pdu)[:2], cls.layout.size
+        fields, at = cls.layout.fields(pdu)[:2], cls.layout.size
         while at < len(pdu):
             head = _PLACE.fields(pdu[at : at + _PLACE.size], at)
             start = at + _PLACE.size
             length = int(str(head[3].value)) if len(head) > 3 else 0
             at = min(len(pdu), start + 2 * length)
-            found += [*head, *register_rows(pdu[start:at], start)]
-        return found
+            fields += [*head, *register_rows(pdu[start:at], start)]
+        return fields
 
 
 @dataclass(frozen=True, slots=True)

@@ -166,17 +166,17 @@ class ReadDeviceIdentificationResponse(Response):
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
         """Return the fields of each object, with the standard's names."""
-        found = [field for field in cls.layout.fields(pdu) if field.name != "objects"]
+        fields = [field for field in cls.layout.fields(pdu) if field.name != "objects"]
         at = cls.layout.size
         while at + 1 < len(pdu):
             value = pdu[at + 2 : at + 2 + pdu[at + 1]]
             title = OBJECT_NAMES.get(pdu[at], "private" if pdu[at] >= 0x80 else "reserved")
-            found.append(Field(at, 1, "object_id", pdu[at], title))
-            found.append(Field(at + 1, 1, "object_length", pdu[at + 1]))
+            fields.append(Field(at, 1, "object_id", pdu[at], title))
+            fields.append(Field(at + 1, 1, "object_length", pdu[at + 1]))
             if value:
-                found.append(Field(at + 2, len(value), "object_value", value.decode("latin-1")))
+                fields.append(Field(at + 2, len(value), "object_value", value.decode("latin-1")))
             at += 2 + pdu[at + 1]
-        return found
+        return fields
 
 
 @dataclass(frozen=True, slots=True)
@@ -222,7 +222,7 @@ class ReadDeviceIdentification(Request[ReadDeviceIdentificationResponse]):
     @classmethod
     def fields(cls, pdu: bytes) -> list[Field]:
         """Return the fields, with the codes in words."""
-        found = cls.layout.fields(pdu)
-        if len(found) > 2:
-            found[2] = found[2]._replace(meaning=READ_CODES.get(pdu[2], "not defined"))
-        return found
+        fields = cls.layout.fields(pdu)
+        if len(fields) > 2:
+            fields[2] = fields[2]._replace(meaning=READ_CODES.get(pdu[2], "not defined"))
+        return fields

@@ -27,10 +27,10 @@ _RESPONSES = tuple(Struct(f">BB{quantity}H") for quantity in range(READ_REGISTER
 """By quantity: a whole response."""
 
 
-def register_fields(found: list[Field]) -> list[Field]:
+def register_fields(fields: list[Field]) -> list[Field]:
     """Replace the tail of registers by one field for each register."""
-    tail = found[-1] if found and isinstance(found[-1].value, str) else None
-    return found if tail is None else [*found[:-1], *register_rows(bytes.fromhex(str(tail.value)), tail.offset)]
+    tail = fields[-1] if fields and isinstance(fields[-1].value, str) else None
+    return fields if tail is None else [*fields[:-1], *register_rows(bytes.fromhex(str(tail.value)), tail.offset)]
 
 
 def register_rows(data: bytes, offset: int) -> list[Field]:

@@ -160,13 +160,13 @@ class Authorization:
 
 def _touches(request: Request[Any]) -> list[range]:
     """Return the addresses that a request reads or writes; none for a request that has no addresses."""
-    found = []
+    ranges = []
     for address_field, quantity_field in _PLACES:
         first = getattr(request, address_field, None)
         if first is not None:
             registers: Sequence[int] = getattr(request, "registers", (0,))
-            found.append(range(first, first + getattr(request, quantity_field, len(registers))))
-    return found
+            ranges.append(range(first, first + getattr(request, quantity_field, len(registers))))
+    return ranges
 
 
 def _once(pairs: list[tuple[str, Any]]) -> dict[str, Any]:

@@ -59,10 +59,10 @@ class _Block:
             address = index(place)
             address += length if address < 0 else 0
             return "" if self.has(address, 1) else f"{self.name} {address} does not exist: {expected}"
-        found = range(length)[place]
-        if all(self.has(address, 1) for address in found):
+        addresses = range(length)[place]
+        if all(self.has(address, 1) for address in addresses):
             return ""
-        return f"{self.name}s {found[0]}..{found[-1]} do not all exist: {expected}"
+        return f"{self.name}s {addresses[0]}..{addresses[-1]} do not all exist: {expected}"
 
     def __getitem__(self, place: Any) -> Any:
         if self.has_holes and (missing := self.missing(place)):
@@ -299,5 +299,5 @@ def _check_length(block: _AnyBlock, place: slice, values: Sequence[Any] | array[
 
 
 def _places(block: _AnyBlock, place: slice) -> str:
-    found = range(len(block))[place]
-    return f"{block.name}s {found[0]}..{found[-1]}" if found else f"{block.name}s"
+    addresses = range(len(block))[place]
+    return f"{block.name}s {addresses[0]}..{addresses[-1]}" if addresses else f"{block.name}s"

@@ -75,8 +75,8 @@ class Functions:
         """Whether the functions that this class of requests needs are given."""
         if request in self.own:
             return True
-        found = _ANSWERS.get(request)
-        return found is not None and all(getattr(self, name) is not None for name in found.needs)
+        handler = _ANSWERS.get(request)
+        return handler is not None and all(getattr(self, name) is not None for name in handler.needs)
 
     def handle(self, request: Any, now: float) -> Response | None:
         """Call the functions for this request and return its response."""

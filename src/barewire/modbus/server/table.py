@@ -131,7 +131,7 @@ class Table:
         if not isinstance(read_only, Mapping):
             text = "expected a dict, such as {'holding_registers': range(0, 10)}"
             raise EncodeError(f"read_only = {shown(read_only)}: {text}", "read_only")
-        found: dict[str, frozenset[int]] = {}
+        protected: dict[str, frozenset[int]] = {}
         for name, addresses in read_only.items():
             if name not in _WRITABLE:
                 near = [known for known in _WRITABLE if isinstance(name, str) and known.startswith(name[:3])]
@@ -147,8 +147,8 @@ class Table:
                     raise EncodeError(f"read_only {name} = {shown(address)}: {text}", "read_only")
                 if missing := block.missing(address):
                     raise EncodeError(f"read_only: {missing}", "read_only")
-            found[name] = frozenset(map(index, row))
-        return found
+            protected[name] = frozenset(map(index, row))
+        return protected
 
     @staticmethod
     def supports(request: type[Any]) -> bool:
@@ -253,8 +253,8 @@ class Table:
             self._check(block, address, quantity)
         if self.on_read is not None:
             self.on_read(name, address, quantity)
-        found: Sequence[int] = block.stored(slice(address, end))
-        return found
+        values: Sequence[int] = block.stored(slice(address, end))
+        return values
 
     def _write(self, name: str, address: int, values: tuple[Any, ...]) -> None:
         """Store the values that a client writes."""

@@ -190,9 +190,9 @@ def _good_frames(data: bytes) -> tuple[int, list[tuple[bytes, Explanation]]]:
 
 
 def _frames_from(data: bytes, at: int) -> Iterator[tuple[bytes, Explanation]]:
-    while (found := _frame_at(data, at)) is not None:
-        yield found
-        at += len(found[0])
+    while (frame := _frame_at(data, at)) is not None:
+        yield frame
+        at += len(frame[0])
 
 
 def _frame_at(data: bytes, at: int) -> tuple[bytes, Explanation] | None:
@@ -233,10 +233,10 @@ def crc_span(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
     for size in range(2, len(body) - 1):
         spans.setdefault(body[:size], f"over the first {size} bytes only")
         spans.setdefault(body[-size:], f"over the last {size} bytes before it only")
-    for taken, what in spans.items():
-        crc = crc16(taken)
-        if taken and end in (crc.to_bytes(2, "little"), crc.to_bytes(2, "big")):
-            proof = f"{digits(end)} is the CRC of {digits(taken)}; with the right one it is {without_checksum(good)}"
+    for span, what in spans.items():
+        crc = crc16(span)
+        if span and end in (crc.to_bytes(2, "little"), crc.to_bytes(2, "big")):
+            proof = f"{digits(end)} is the CRC of {digits(span)}; with the right one it is {without_checksum(good)}"
             yield Finding("crc-span", f"the CRC was computed {what}", proof)
 
 

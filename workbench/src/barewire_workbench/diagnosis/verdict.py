@@ -130,8 +130,8 @@ class LogFinding(NamedTuple):
         '1.500000  line 7  unit 3  this is a request [role]: ...'
         """
         columns = (f"{self.at:.6f}" if self.timed else "", f"line {self.line}" if self.line else "", self.place)
-        found = self.finding
-        return "  ".join((*filter(None, columns), f"{found.text} [{found.code}]: {found.proof}"))
+        finding = self.finding
+        return "  ".join((*filter(None, columns), f"{finding.text} [{finding.code}]: {finding.proof}"))
 
     def as_dict(self) -> dict[str, object]:
         """Return the finding for `json.dumps`; the time is None if the log has none."""

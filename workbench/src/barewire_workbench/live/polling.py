@@ -258,8 +258,8 @@ def samples(
     The polls of a sample are in the order of the lines and their machines.
     """
     workers = [_Worker(line) for line in lines] if len(lines) > 1 else []
-    start, number, made = clock.now(), 0, 0
-    while (count is None or made < count) and (until is None or number * period < until or not made):
+    start, number, samples_made = clock.now(), 0, 0
+    while (count is None or samples_made < count) and (until is None or number * period < until or not samples_made):
         clock.wait_until(start + number * period)
         date, seconds = clock.date(), clock.now() - start
         if workers:
@@ -268,7 +268,7 @@ def samples(
         else:
             polls = lines[0].poll()
         yield Sample(seconds, date, tuple(polls))
-        made += 1
+        samples_made += 1
         number = next_sample(number, period, clock.now() - start)
 
 

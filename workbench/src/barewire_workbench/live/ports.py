@@ -54,7 +54,7 @@ def serial_ports() -> list[FoundPort]:
         from serial.tools.list_ports import comports
     except ModuleNotFoundError:
         raise PortError("serial ports need pyserial: pip install 'barewire[serial]'") from None
-    found = []
+    ports = []
     for port in sorted(comports(), key=lambda port: (port.vid is None, port.device)):
         details = []
         if port.vid is not None:
@@ -65,10 +65,10 @@ def serial_ports() -> list[FoundPort]:
         if stable is not None:
             details.append(f"always {stable}")
         words = [word for word in (port.manufacturer, port.description) if word and word != "n/a"]
-        found.append(
+        ports.append(
             FoundPort(f"rtu://{port.device}", " ".join(words) or "serial port", tuple(details), holders(port.device))
         )
-    return found
+    return ports
 
 
 def stable_name(device: str, folder: Path = Path("/dev/serial/by-id")) -> str | None:
@@ -93,14 +93,14 @@ def holders(device: str, processes: Path = Path("/proc")) -> tuple[str, ...]:
 
 def can_interfaces(folder: Path = Path("/sys/class/net")) -> list[FoundPort]:
     """Return the CAN interfaces of the system, with their state and bit rate, as far as `ip` shows them."""
-    found = []
+    ports = []
     with suppress(OSError):
         for interface in sorted(folder.iterdir()):
             with suppress(OSError):
                 if (interface / "type").read_text().strip() == _CAN_HARDWARE:
                     state = (interface / "operstate").read_text().strip()
-                    found.append(_can_interface(interface.name, state))
-    return found
+                    ports.append(_can_interface(interface.name, state))
+    return ports
 
 
 def _can_interface(name: str, state: str) -> FoundPort:
@@ -109,9 +109,9 @@ def _can_interface(name: str, state: str) -> FoundPort:
     with suppress(OSError, ValueError, LookupError, subprocess.SubprocessError):
         command = ["ip", "-details", "-json", "link", "show", "dev", name]
         shown = subprocess.run(command, capture_output=True, timeout=5, check=True).stdout
-        about: dict[str, Any] = json.loads(shown)[0]["linkinfo"]
-        details[0] = f"state {about.get('info_data', {}).get('state', state)}"
-        bitrate = about["info_data"]["bittiming"]["bitrate"]
+        link: dict[str, Any] = json.loads(shown)[0]["linkinfo"]
+        details[0] = f"state {link.get('info_data', {}).get('state', state)}"
+        bitrate = link["info_data"]["bittiming"]["bitrate"]
         details.append(f"{bitrate} bit/s")
     if state == "down":
         details.append(f"ip link set {name} up type can bitrate 125000")

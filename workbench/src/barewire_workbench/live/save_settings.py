@@ -55,8 +55,8 @@ def save_settings(machine: MachineClient, url: str, names: Collection[str] | Non
     device, rules = machine.device, SettingRules.of(machine.device)
     saved = SavedSettings(device.name, url, device.title, datetime.now().astimezone(), machine_identity(machine, rules))
     wanted = [setting for setting in rules.settings(is_can=is_can) if names is None or setting.name in names]
-    present = {found.setting.name: found for found in read_settings(machine, url, wanted)}
-    for setting in without_unmapped(wanted, {name: found.value for name, found in present.items()}):
+    present = {item.setting.name: item for item in read_settings(machine, url, wanted)}
+    for setting in without_unmapped(wanted, {name: item.value for name, item in present.items()}):
         value = present[setting.name].value
         if value is None:
             saved.not_read[setting.name] = present[setting.name].problem
@@ -74,8 +74,8 @@ def read_settings(machine: MachineClient, url: str, settings: Sequence[KeptSetti
         if setting.select:
             yield _read_selected(machine, url, setting)
             continue
-        found = read[setting.read_as]
-        yield PresentValue(setting, None if found.reading is None else found.reading.value, found.problem)
+        result = read[setting.read_as]
+        yield PresentValue(setting, None if result.reading is None else result.reading.value, result.problem)
 
 
 def _read_selected(machine: MachineClient, url: str, setting: KeptSetting) -> PresentValue:

@@ -64,32 +64,32 @@ class _Objects:
         data, position, lost = b"".join(self._pieces), 0, self._lost
         self._pieces, self._needed, self._lost = [], 0, 0
         while True:
-            found = data.find(_OBJECT, position)
-            if found < 0:
+            start = data.find(_OBJECT, position)
+            if start < 0:
                 rest = data[position:]
                 if not last:
                     self._pieces = [rest[-len(_OBJECT) + 1 :]]
                     rest = rest[: -len(_OBJECT) + 1]
                 lost += len(rest) if len(rest) > 3 or any(rest) else 0
                 break
-            lost += found - position if found - position > 3 or lost else 0
-            size, object_type = _HEAD.unpack_from(data, found)[3:] if found + _HEAD.size <= len(data) else (0, 0)
+            lost += start - position if start - position > 3 or lost else 0
+            size, object_type = _HEAD.unpack_from(data, start)[3:] if start + _HEAD.size <= len(data) else (0, 0)
             is_possible = _HEAD.size <= size <= (_FRAME_OBJECT_MAX if object_type in _FRAMES else _OBJECT_MAX)
-            if not last and (is_possible or not size) and found + max(size, _HEAD.size) > len(data):
-                self._pieces, self._needed = [data[found:]], size
+            if not last and (is_possible or not size) and start + max(size, _HEAD.size) > len(data):
+                self._pieces, self._needed = [data[start:]], size
                 break
-            if not is_possible or found + size > len(data):
-                if object_type == _CONTAINER and is_possible and data.find(_OBJECT, found + 4) < 0:
-                    yield data[found:]  # the file is cut off in it; the part that is there can be unpacked
-                    lost += found + size - len(data)
+            if not is_possible or start + size > len(data):
+                if object_type == _CONTAINER and is_possible and data.find(_OBJECT, start + 4) < 0:
+                    yield data[start:]  # the file is cut off in it; the part that is there can be unpacked
+                    lost += start + size - len(data)
                     break
-                position, lost = found + len(_OBJECT), lost + len(_OBJECT)
+                position, lost = start + len(_OBJECT), lost + len(_OBJECT)
                 continue
             if lost:
                 yield lost
                 lost = 0
-            yield data[found : found + size]
-            position = found + size
+            yield data[start : start + size]
+            position = start + size
         if lost and last:
             yield lost
         else:

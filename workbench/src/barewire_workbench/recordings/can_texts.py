@@ -231,10 +231,10 @@ def read_trc(text: str | Iterable[str]) -> Iterator[RecordedItem]:
     start, now, columns = 0.0, 0.0, ""
     for number, line in enumerate(split_lines(text), start=1):
         if line.startswith(";"):
-            if found := _TRC_START.match(line):
-                start = now = (float(found[1]) - _TRC_EPOCH) * 86400.0
-            elif found := _TRC_COLUMNS.match(line):
-                columns = found[1].replace(",", "")
+            if heading := _TRC_START.match(line):
+                start = now = (float(heading[1]) - _TRC_EPOCH) * 86400.0
+            elif heading := _TRC_COLUMNS.match(line):
+                columns = heading[1].replace(",", "")
             continue
         if not line.strip():
             continue
@@ -253,14 +253,14 @@ def read_trc(text: str | Iterable[str]) -> Iterator[RecordedItem]:
 def _trc_row(line: str, columns: str) -> tuple[float, str, bool | None, AnyFrame] | None:
     """Return time, bus, direction and frame of a line; None for a line about the state of the bus."""
     if not columns:
-        found = _TRC_OLD.match(line)
-        if found is None:
+        row = _TRC_OLD.match(line)
+        if row is None:
             raise text_error("delimiter", line, 0, "not a line of a trace file")
-        if found["direction"] in ("Warng", "Error"):
+        if row["direction"] in ("Warng", "Error"):
             return None
-        sent = None if found["direction"] is None else found["direction"] == "Tx"
-        frame = _trc_frame("", found["id"], int(found["length"]), found["rest"].split(), line)
-        return float(found["at"]) / 1000, found["bus"] or "", sent, frame
+        sent = None if row["direction"] is None else row["direction"] == "Tx"
+        frame = _trc_frame("", row["id"], int(row["length"]), row["rest"].split(), line)
+        return float(row["at"]) / 1000, row["bus"] or "", sent, frame
     tokens = line.split(maxsplit=len(columns) - 1)
     if len(tokens) < len(columns) - 1:
         raise text_error("short", line, len(line), f"{len(tokens)} columns, expected {len(columns)}: {columns}")
@@ -335,37 +335,37 @@ def read_python_can_text(text: str | Iterable[str]) -> Iterator[RecordedItem]:
     for number, line in enumerate(split_lines(text), start=1):
         if not line.strip() or line.strip() == _CSV_HEAD:
             continue
-        found = _PRINTED.match(line) or _CSV_ROW.fullmatch(line.strip())
+        row = _PRINTED.match(line) or _CSV_ROW.fullmatch(line.strip())
         try:
-            if found is None:
+            if row is None:
                 raise text_error("delimiter", line, 0, "not a line of python-can")
-            frame = _printed(found, line) if found.re is _PRINTED else _written(found, line)
+            frame = _printed(row, line) if row.re is _PRINTED else _written(row, line)
         except DecodeError as error:
             yield unread(now, number, error, line)
             continue
-        now = float(found["at"])
-        channel = _PRINTED_CHANNEL.search(found["rest"]) if found.re is _PRINTED else None
-        directions = found["logger"] + found["flags"] if found.re is _PRINTED else ""
+        now = float(row["at"])
+        channel = _PRINTED_CHANNEL.search(row["rest"]) if row.re is _PRINTED else None
+        directions = row["logger"] + row["flags"] if row.re is _PRINTED else ""
         sent = "tx" in directions.lower() if re.search("(?i)[rt]x", directions) else None
         yield Recorded(now, channel[1] if channel else "", frame, number, sent)
 
 
-def _printed(found: re.Match[str], line: str) -> AnyFrame:
-    data = bytes.fromhex(found["bytes"])
-    flags = found["flags"].replace("Rx", "").replace("Tx", "")
-    length = int(found["length"])
-    return _python_can_frame(int(found["id"], 16), found["kind"] == "X", flags, length, data, line)
+def _printed(row: re.Match[str], line: str) -> AnyFrame:
+    data = bytes.fromhex(row["bytes"])
+    flags = row["flags"].replace("Rx", "").replace("Tx", "")
+    length = int(row["length"])
+    return _python_can_frame(int(row["id"], 16), row["kind"] == "X", flags, length, data, line)
 
 
-def _written(found: re.Match[str], line: str) -> AnyFrame:
+def _written(row: re.Match[str], line: str) -> AnyFrame:
     try:
-        data = b64decode(found["data"], validate=True)
+        data = b64decode(row["data"], validate=True)
     except (Base64Error, ValueError):
-        raise text_error("character", line, 0, f"{found['data'][:24]!r} is not base64") from None
-    flags = ("R" if found["remote"] == "1" else "") + ("E" if found["error"] == "1" else "")
-    length = int(found["length"])
+        raise text_error("character", line, 0, f"{row['data'][:24]!r} is not base64") from None
+    flags = ("R" if row["remote"] == "1" else "") + ("E" if row["error"] == "1" else "")
+    length = int(row["length"])
     flags += "F" if length > DATA_MAX else ""
-    return _python_can_frame(int(found["id"], 16), found["extended"] == "1", flags, length, data, line)
+    return _python_can_frame(int(row["id"], 16), row["extended"] == "1", flags, length, data, line)
 
 
 def _python_can_frame(number: int, extended: bool, flags: str, length: int, data: bytes, line: str) -> AnyFrame:
@@ -447,10 +447,10 @@ def _noted_frames(lines: Iterable[str]) -> Iterator[tuple[int, str, str]]:
     for number, line in enumerate(lines, start=1):
         if not line.strip():
             continue
-        found = _HASHED.search(line) if "#" in line else None
-        if found is None and (columns := _COLUMNS.search(line)) is not None:
-            found = columns if 2 * int(columns["length"]) == len(_joined(columns["data"])) else None
-        frame = "" if found is None else _frame_text(found["id"], _joined(found["data"]))
+        frame_match = _HASHED.search(line) if "#" in line else None
+        if frame_match is None and (columns := _COLUMNS.search(line)) is not None:
+            frame_match = columns if 2 * int(columns["length"]) == len(_joined(columns["data"])) else None
+        frame = "" if frame_match is None else _frame_text(frame_match["id"], _joined(frame_match["data"]))
         named = _ID.search(title + line) if not frame else None
         title = ""
         if named is not None and (named["of"] or "can").lower() in _OF_CAN:
@@ -465,8 +465,8 @@ def _worded(identifier: str, rest: str, *, is_json: bool) -> str:
     """Return the frame of an identifier and the words behind it; empty without bytes, or with more or fewer."""
     length, data = _DLC.search(rest), _DATA.search(rest)
     start = data or length
-    found = None if start is None else _NUMBERS.match(rest, start.end())
-    tokens = re.findall(r"(?:0[xX])?([0-9A-Fa-f]+)", found[1]) if found is not None else []
+    numbers = None if start is None else _NUMBERS.match(rest, start.end())
+    tokens = re.findall(r"(?:0[xX])?([0-9A-Fa-f]+)", numbers[1]) if numbers is not None else []
     is_decimal = is_json or (identifier.isdecimal() and int(identifier) <= BASE_MAX < int(identifier, 16))
     if is_decimal or any(len(token) == 3 for token in tokens):
         tokens = [f"{int(token):02X}" for token in tokens if token.isdecimal() and int(token) <= 0xFF]
@@ -512,11 +512,11 @@ def read_conformance_log(text: str | Iterable[str]) -> Iterator[RecordedItem]:
     """
     now = 0.0
     for number, line in enumerate(split_lines(text), start=1):
-        found = _CONFORMANCE.match(line)
-        if found is None:
+        step = _CONFORMANCE.match(line)
+        if step is None:
             continue
         now += _STEP
-        match = _CONFORMANCE_FRAME.match(found["text"])
+        match = _CONFORMANCE_FRAME.match(step["text"])
         frame = None if match is None else _conformance_frame(match)
         if match is None or frame is None:
             text = "expected bus, identifier, Tx or Rx, SD (SR, ED, ER), length and as many bytes"

@@ -17,8 +17,8 @@ def _without(text: str) -> Patch:
 
 NO_LISTENER: tuple[Patch, ...] = (
     _without("""\
-            elif found := self._hunt():
-                events += found
+            elif inside := self._hunt():
+                events += inside
 """),
     ("self._divide() or self._hunt()", "self._divide()"),
     ("self._removed + end > self._hunted and end - at", "end - at"),

@@ -159,13 +159,14 @@ def _case(
 def _sub_indices(subject: Subject, of: EdsObject) -> Iterator[NodeCase]:
     """Yield the case of the sub-indices between and after those that the EDS describes."""
     subs = {item.sub for item in of.items}
-    there = next((item for item in of.items if item.access != "wo"), None)
-    if there is None or max(subs) >= 0xFE:
+    readable = next((item for item in of.items if item.access != "wo"), None)
+    if readable is None or max(subs) >= 0xFE:
         return
     missing = [sub for sub in range(max(subs) + 2) if sub not in subs][-8:]
     steps = [Sdo(subject.node).refuse_read(of.index, sub, _NO_SUB) for sub in missing]
     listed = ", ".join(f"{sub:02X}" for sub in missing)
-    needs = () if there.type == "domain" else (f"{of.index:04X}h:{there.sub:02X}",)  # domains are not read beforehand
+    # Domains are not read beforehand.
+    needs = () if readable.type == "domain" else (f"{of.index:04X}h:{readable.sub:02X}",)
     yield _case(subject, f"OD-SUB-{of.index:04X}", f"{of.index:04X}h {of.name}: no sub-index {listed}", *steps,
                 clause=_EDS, effect="reads", needs=needs, why="06090011")  # fmt: skip
 
@@ -178,14 +179,14 @@ def _structure(subject: Subject, of: EdsObject) -> Iterator[NodeCase]:
     The elements of an array have its type; the number of a record's own type is not in an EDS.
     """
     s, items = Sdo(subject.node), [item for item in of.items if item.sub or not of.is_record]
-    there = next((item for item in of.items if may_be_read(item)), None)
-    if there is None or not items or any(item.sub == _STRUCTURE for item in items):
+    readable = next((item for item in of.items if may_be_read(item)), None)
+    if readable is None or not items or any(item.sub == _STRUCTURE for item in items):
         return
     kind = ".." if of.object_type == RECORD else f"{items[0].code & 0xFF:02X}"
     accepted = s.response(f"43{multiplexer(of.index, _STRUCTURE)}{of.object_type:02X}{kind}0000")
     read = NodeStep((s.upload(of.index, _STRUCTURE),), (s.refused(of.index, _STRUCTURE, _NO_SUB, _NO_OBJECT), accepted))
     yield _case(subject, f"OD-TYPE-{of.index:04X}", f"{of.index:04X}h {of.name}: the structure in sub-index FFh", read,
-                clause=_OBJECTS, effect="reads", needs=(f"{of.index:04X}h:{there.sub:02X}",),
+                clause=_OBJECTS, effect="reads", needs=(f"{of.index:04X}h:{readable.sub:02X}",),
                 why="06090011: it has none")  # fmt: skip
 
 

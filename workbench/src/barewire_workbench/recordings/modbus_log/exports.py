@@ -116,16 +116,16 @@ def _dumps(lines: list[str]) -> Iterator[_Dump]:
     numbers: list[int] = []
     data = b""
     for number, line in enumerate([*lines, ""], start=1):
-        found = dump_line(line) if not line.startswith("    ") else None
-        if found is not None and numbers and found.offset == len(data):
+        row = dump_line(line) if not line.startswith("    ") else None
+        if row is not None and numbers and row.offset == len(data):
             numbers.append(number)
-            data += found.data
+            data += row.data
             continue
         if numbers:
             yield _Dump(numbers, data, stamp)
             numbers, data = [], b""
-        if found is not None and found.offset == 0:
-            numbers, data = [number], found.data
+        if row is not None and row.offset == 0:
+            numbers, data = [number], row.data
         elif time := _SUMMARY.match(line):
             stamp = Stamp(float(time["at"]))
         elif time := _EPOCH.match(line):
@@ -144,9 +144,9 @@ def _arrays(lines: list[str]) -> Iterator[_Dump]:
     name, numbers, text = "", list[int](), ""
     for number, line in enumerate(lines, start=1):
         plain = re.sub(r"/\*.*?\*/", "", line)
-        found = _ARRAY.match(plain)
-        if found:
-            name, numbers, text = found["name"], [number], found["rest"]
+        heading = _ARRAY.match(plain)
+        if heading:
+            name, numbers, text = heading["name"], [number], heading["rest"]
         elif numbers:
             numbers.append(number)
             text += plain
@@ -167,17 +167,17 @@ def _followed(lines: list[str]) -> tuple[list[LogEntry], set[int]]:
         if re.fullmatch(r"=+|Follow: .*|Filter: .*|Node \d: .*", plain):
             known.add(number)
             continue
-        found = dump_line(plain)
-        if found is None:
+        row = dump_line(plain)
+        if row is None:
             continue
         from_client = not line[:1].isspace()
-        if found.offset != offsets[from_client]:
+        if row.offset != offsets[from_client]:
             return [], set()
-        offsets[from_client] += len(found.data)
+        offsets[from_client] += len(row.data)
         if entries and directions[-1] is from_client and len(entries[-1].data or b"") % 16 == 0:
-            entries[-1] = entries[-1]._replace(data=(entries[-1].data or b"") + found.data)
+            entries[-1] = entries[-1]._replace(data=(entries[-1].data or b"") + row.data)
         else:
-            entries.append(LogEntry(number, found.data, None, from_client))
+            entries.append(LogEntry(number, row.data, None, from_client))
             directions.append(from_client)
         known.add(number)
     return (entries, known) if len(set(directions)) == 2 else ([], set())
@@ -213,12 +213,12 @@ def _packets(text: str, lines: list[str]) -> Iterator[tuple[int, dict[str, Any]]
     numbers = [number for number, line in enumerate(lines, start=1) if '"layers"' in line]
     try:
         if text.lstrip().startswith("["):
-            found = json.loads(text)
+            packets = json.loads(text)
         else:
-            found = [json.loads(line) for line in lines if '"layers"' in line]
+            packets = [json.loads(line) for line in lines if '"layers"' in line]
     except (ValueError, RecursionError) as error:
         raise DecodeError("value", b"", 0, f"not the JSON of packets: {error}") from None
-    for number, packet in zip(numbers, found if isinstance(found, list) else ()):
+    for number, packet in zip(numbers, packets if isinstance(packets, list) else ()):
         source = packet.get("_source", packet) if isinstance(packet, dict) else {}
         layers = source.get("layers") if isinstance(source, dict) else None
         if isinstance(layers, dict):

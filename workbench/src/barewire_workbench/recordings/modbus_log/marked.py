@@ -272,30 +272,30 @@ def _is_printed_twice(last: LogEntry, marked: list[LogEntry], before: str, line:
 def _marked(line: str, number: int, openings: set[str]) -> list[LogEntry]:
     """Return the entries of a line, one without bytes if the direction is all that it has; none for any other line."""
     plain, stamp = without_stamp(line)
-    plain = _NUMBER.sub(lambda found: found[0][:2] + ":" + " " * (len(found[0]) - 3), plain)
+    plain = _NUMBER.sub(lambda match: match[0][:2] + ":" + " " * (len(match[0]) - 3), plain)
     return [entry._replace(stamp=stamp) for entry in _directed(plain, number, openings)]
 
 
 def _directed(plain: str, number: int, openings: set[str] | frozenset[str] = frozenset()) -> list[LogEntry]:
     """Return the entries of a line whose time is blank. Behind an opening of other bytes a few digits are bytes too."""
-    found = split_octets(plain)
-    if isinstance(openings, set) and found is not None and len(openings) < _OPENINGS_MAX:
-        openings.add(found.before.strip())
-    if found is None and openings:
-        found = _few(plain, openings)
-    if found is None and (single := _SINGLE.search(plain)) is not None:
+    octets = split_octets(plain)
+    if isinstance(openings, set) and octets is not None and len(openings) < _OPENINGS_MAX:
+        openings.add(octets.before.strip())
+    if octets is None and openings:
+        octets = _few(plain, openings)
+    if octets is None and (single := _SINGLE.search(plain)) is not None:
         before = plain[: single.start(1)].removesuffix("0x").removesuffix("\\x")
         word, sent, from_client = direction_of(before)
         is_near = word is not None and (word.re is not _WORD or _SIZE.fullmatch(before[word.end() :]))
         if word is not None and word.re is not _COMPLAINT and is_near:
             return [LogEntry(number, bytes.fromhex(single[1]), sent, from_client)]
-    if found is not None and (exchange := _exchange(found, number)):
+    if octets is not None and (exchange := _exchange(octets, number)):
         return exchange
-    before = plain if found is None else found.before
+    before = plain if octets is None else octets.before
     word, sent, from_client = direction_of(before)
     if word is None:
         return []
-    if found is None:
+    if octets is None:
         # "recv: " without bytes
         data = b"" if sent is False or from_client is False else None  # nothing came, or it is in the next lines
         return (
@@ -303,9 +303,9 @@ def _directed(plain: str, number: int, openings: set[str] | frozenset[str] = fro
             if _NOTHING.fullmatch(plain[word.end() :].strip())
             else []
         )
-    if word.re is _COMPLAINT and len(found.data or found.decimal or b"") < _SHORTEST:
+    if word.re is _COMPLAINT and len(octets.data or octets.decimal or b"") < _SHORTEST:
         return []  # of a message: "failed! 8011!=FFFF"
-    return [LogEntry(number, found.data, sent, from_client, None, found.decimal)]
+    return [LogEntry(number, octets.data, sent, from_client, None, octets.decimal)]
 
 
 def _few(plain: str, openings: Iterable[str]) -> Octets | None:
@@ -316,10 +316,10 @@ def _few(plain: str, openings: Iterable[str]) -> Octets | None:
     ]
     words += [text[: mark.end()] for mark in _MARK.finditer(text)]
     before = max((opening for opening in [*openings, *words] if text.startswith(opening)), key=len, default="")
-    found = _FEW.fullmatch(text[len(before) :])
-    if not before or found is None:
+    match = _FEW.fullmatch(text[len(before) :])
+    if not before or match is None:
         return None
-    tokens = re.findall("[0-9A-Fa-f]+", re.sub(r"0[xX]|\\x", " ", found["digits"]))
+    tokens = re.findall("[0-9A-Fa-f]+", re.sub(r"0[xX]|\\x", " ", match["digits"]))
     if len(tokens) == 1 and before not in openings:
         return None  # a number: "ReadRequest: 3"
     decimal = bytes(map(int, tokens)) if all(token.isdecimal() and int(token) < 256 for token in tokens) else None
@@ -423,9 +423,9 @@ def read_blocks(lines: list[str]) -> FormContent:
     in_bytes = False
     scale = _socat_scale(lines)
     for number, line in enumerate(lines, start=1):
-        found = _BYTES.fullmatch(line)
-        if found is not None and (heading or in_bytes):
-            data = bytes.fromhex(found["bytes"].replace("\t", " "))
+        row = _BYTES.fullmatch(line)
+        if row is not None and (heading or in_bytes):
+            data = bytes.fromhex(row["bytes"].replace("\t", " "))
             if in_bytes:
                 entries[-1] = entries[-1]._replace(data=(entries[-1].data or b"") + data)
             else:
@@ -505,5 +505,5 @@ def _heading(line: str) -> tuple[bool | None, bool | None, Stamp | None] | None:
 
 def _socat_scale(lines: list[str]) -> float:
     """Return 1000 if nine digits are microseconds: socat 1.7.4 pads these with zeros, so that all begin with 000."""
-    fractions = [found["fraction"] for line in lines if (found := _SOCAT.match(line))]
+    fractions = [heading["fraction"] for line in lines if (heading := _SOCAT.match(line))]
     return 1000.0 if len(fractions) > 1 and all(fraction.startswith("000") for fraction in fractions) else 1.0

@@ -126,8 +126,8 @@ def without_remark(line: str) -> str:
     >>> without_remark("01 83 02 C0 F1   <-- refused"), without_remark("12.50 <-- 01 83 02 C0 F1")
     ('01 83 02 C0 F1', '12.50 <-- 01 83 02 C0 F1')
     """
-    found = _REMARK.search(line)
-    return line if found is None else line[: found.start()]
+    remark = _REMARK.search(line)
+    return line if remark is None else line[: remark.start()]
 
 
 def _bytes(text: str, number: int) -> bytes:
@@ -174,21 +174,21 @@ def find_stamp(text: str) -> tuple[Stamp, int, int] | None:
     ((Stamp(seconds=12.5, day=None, of_day=False), 0, 6), None)
     """
     if ":" in text:
-        if found := _DATED.search(text):
-            return Stamp(_of_day(found), _day(found), True), found.start(), found.end()
-        if found := _TIME.search(text):
-            return Stamp(_of_day(found), None, True), found.start(), found.end()
-        if found := _SHORT.match(text):
-            return Stamp(60 * int(found["minutes"]) + _number(found["seconds"])), found.start(), found.end()
-    if found := _SECONDS.match(text):
-        return Stamp(_number(found[1] or found[2])), found.start(), found.end()
+        if match := _DATED.search(text):
+            return Stamp(_of_day(match), _day(match), True), match.start(), match.end()
+        if match := _TIME.search(text):
+            return Stamp(_of_day(match), None, True), match.start(), match.end()
+        if match := _SHORT.match(text):
+            return Stamp(60 * int(match["minutes"]) + _number(match["seconds"])), match.start(), match.end()
+    if match := _SECONDS.match(text):
+        return Stamp(_number(match[1] or match[2])), match.start(), match.end()
     return None
 
 
 def stamp_in(text: str) -> Stamp | None:
     """Return the first time in a line."""
-    found = find_stamp(text)
-    return None if found is None else found[0]
+    stamp = find_stamp(text)
+    return None if stamp is None else stamp[0]
 
 
 def without_stamp(line: str) -> tuple[str, Stamp | None]:
@@ -197,10 +197,10 @@ def without_stamp(line: str) -> tuple[str, Stamp | None]:
     >>> without_stamp("(12.5) 01 03")
     ('       01 03', Stamp(seconds=12.5, day=None, of_day=False))
     """
-    found = find_stamp(line)
-    if found is None:
+    stamp_and_place = find_stamp(line)
+    if stamp_and_place is None:
         return line, None
-    stamp, start, end = found
+    stamp, start, end = stamp_and_place
     return line[:start] + " " * (end - start) + line[end:], stamp
 
 
@@ -208,27 +208,27 @@ def _number(text: str) -> float:
     return float(text.replace(",", ".").replace(":", "."))
 
 
-def _of_day(found: re.Match[str]) -> float:
-    hours = int(found["hours"])
-    if found["half"]:
-        hours = hours % 12 + (12 if found["half"].lower() == "pm" else 0)
-    return 3600 * hours + 60 * int(found["minutes"]) + _number(found["seconds"])
+def _of_day(match: re.Match[str]) -> float:
+    hours = int(match["hours"])
+    if match["half"]:
+        hours = hours % 12 + (12 if match["half"].lower() == "pm" else 0)
+    return 3600 * hours + 60 * int(match["minutes"]) + _number(match["seconds"])
 
 
-def _day(found: re.Match[str]) -> int | None:
+def _day(match: re.Match[str]) -> int | None:
     """Return the day, counted from 1970-01-01; None if the date does not state the year or the order of its parts."""
-    if found["iso"]:
-        year, month, day = int(found["iso"]), int(found["imonth"]), int(found["iday"])
-    elif found["year"]:
-        first, second, year = int(found["first"]), int(found["second"]), int(found["year"])
-        if found["between"] != "." and first <= 12 and second <= 12 and first != second:
+    if match["iso"]:
+        year, month, day = int(match["iso"]), int(match["imonth"]), int(match["iday"])
+    elif match["year"]:
+        first, second, year = int(match["first"]), int(match["second"]), int(match["year"])
+        if match["between"] != "." and first <= 12 and second <= 12 and first != second:
             return None
         day, month = (second, first) if second > 12 else (first, second)
     else:
-        stated = found["nyear"] or found["lastyear"]
+        stated = match["nyear"] or match["lastyear"]
         if not stated:
             return None
-        year, month, day = int(stated), _MONTHS.get(found["name"].lower(), 0), int(found["nday"])
+        year, month, day = int(stated), _MONTHS.get(match["name"].lower(), 0), int(match["nday"])
     return _day_number(year, month, day)
 
 
@@ -372,18 +372,18 @@ def _size(octets: Octets | None) -> int:
 
 def _counted(line: str) -> Octets | None:
     """Return the bytes before a count that ends the line: `(8 bytes)`, or a count without brackets that is theirs."""
-    found = _COUNT.search(line)
-    octets = None if found is None else _split(line[: found.start()])
-    if found is None or octets is None:
+    count = _COUNT.search(line)
+    octets = None if count is None else _split(line[: count.start()])
+    if count is None or octets is None:
         return None
-    is_right = int(found["count"]) in map(len, filter(None, octets[1:]))
-    return octets if is_right or found["opened"] else None
+    is_right = int(count["count"]) in map(len, filter(None, octets[1:]))
+    return octets if is_right or count["opened"] else None
 
 
 def _inside(line: str) -> Octets | None:
     """Return the bytes with other text behind them, as `<Buffer 01 03 ...>, unit: 1 }`; None if there are none, or
     several rows of them. Joined digits and decimal numbers count only at the end: inside they are names and values."""
-    rows = [] if len(line) > _LONGEST_INSIDE else [found for form in _INSIDE for found in form.finditer(line)]
+    rows = [] if len(line) > _LONGEST_INSIDE else [match for form in _INSIDE for match in form.finditer(line)]
     if len(rows) != 1 or (":" in rows[0][0] and len(rows[0][0]) == _MAC):
         return None
     return _of_form(line, rows[0])
@@ -411,9 +411,9 @@ def _split(line: str) -> Octets | None:
     for needed, form in _FORMS:
         if needed and not any(character in end for character in needed):
             continue
-        found = _last_match(form, line, start)
-        if found is not None and _END.match(line, found.end()) and (best is None or found.start() < best.start()):
-            best = found  # the form that reads the most of the line
+        match = _last_match(form, line, start)
+        if match is not None and _END.match(line, match.end()) and (best is None or match.start() < best.start()):
+            best = match  # the form that reads the most of the line
     return None if best is None else _of_form(line, best)
 
 
@@ -425,10 +425,10 @@ def _last_match(form: re.Pattern[str], line: str, start: int = 0) -> re.Match[st
     return match
 
 
-def _of_form(line: str, found: re.Match[str]) -> Octets | None:
+def _of_form(line: str, match: re.Match[str]) -> Octets | None:
     """Return the bytes of a match of one of the forms."""
-    before = line[: found.start()]
-    kind, text = next((kind, text) for kind, text in found.groupdict().items() if text is not None and kind != "by")
+    before = line[: match.start()]
+    kind, text = next((kind, text) for kind, text in match.groupdict().items() if text is not None and kind != "by")
     if kind == "ascii":
         return Octets(before, text.encode() + b"\r\n")
     if kind == "octal":
@@ -440,16 +440,16 @@ def _of_form(line: str, found: re.Match[str]) -> Octets | None:
     return Octets(before, b"".join(bytes.fromhex(token.rjust(2, "0")) for token in tokens), decimal)
 
 
-def _of_literal(line: str, found: re.Match[str]) -> Octets | None:
+def _of_literal(line: str, match: re.Match[str]) -> Octets | None:
     """Return the bytes of b'...': escapes and characters, or the digits of hexlify."""
-    content = found["string"][1:-1]
+    content = match["string"][1:-1]
     try:
-        data = parse_string_literal(f"b{found['string']}")
+        data = parse_string_literal(f"b{match['string']}")
         if data is None:
             data = bytes.fromhex(content)
     except (DecodeError, ValueError):
         return None
-    return Octets(line[: found.start()], data) if len(data) > 1 else None
+    return Octets(line[: match.start()], data) if len(data) > 1 else None
 
 
 def _decimal(tokens: list[str], text: str) -> bytes | None:

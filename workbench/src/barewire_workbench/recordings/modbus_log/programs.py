@@ -110,12 +110,12 @@ class _PymodbusLog:
         stamp = stamp_in(line[: words[0].start()])
         for word, following in zip_longest(words, words[1:]):
             text = line[word.end() : None if following is None else following.start()]
-            found = _PYMODBUS_BYTES.match(text)
-            if found is None:
+            match = _PYMODBUS_BYTES.match(text)
+            if match is None:
                 self.unreadable.add(number)
                 continue
             self.known.add(number)
-            data = bytes(int(token, 16) for token in found["bytes"].split())
+            data = bytes(int(token, 16) for token in match["bytes"].split())
             is_sent = word["word"].lower() == "send"
             if data or not is_sent:
                 entries = self.repeated if word["repeated"] else self.logged
@@ -124,12 +124,12 @@ class _PymodbusLog:
     def add_other(self, number: int, line: str) -> None:
         """Take any other line: some show what was received so far."""
         is_processed = "Processing:" in line or "Handling data:" in line
-        if is_processed and (found := _PYMODBUS_PROCESSING.search(line)) and found["bytes"]:
-            data = bytes(int(token, 16) for token in found["bytes"].split())
+        if is_processed and (match := _PYMODBUS_PROCESSING.search(line)) and match["bytes"]:
+            data = bytes(int(token, 16) for token in match["bytes"].split())
             before = self.processed[-1].data or b"" if self.processed else b""
             if before and len(data) > len(before) and data.startswith(before):
                 self.processed.pop()  # the same bytes, and more
-            self.processed.append(LogEntry(number, data, False, False, stamp_in(line[: found.start()])))
+            self.processed.append(LogEntry(number, data, False, False, stamp_in(line[: match.start()])))
         elif not _PYMODBUS_OTHER.search(line):
             return
         self.known.add(number)
@@ -218,20 +218,20 @@ def read_minimalmodbus(lines: list[str]) -> FormContent:
     entries: list[LogEntry] = []
     known: set[int] = set()
     for number, line in enumerate(lines, start=1):
-        found = _MINIMALMODBUS_TRAFFIC.search(line)
-        if "MinimalModbus debug mode." in line or found:
+        traffic = _MINIMALMODBUS_TRAFFIC.search(line)
+        if "MinimalModbus debug mode." in line or traffic:
             known.add(number)
-        if found is None:
+        if traffic is None:
             continue
         try:
-            data = parse_string_literal(found["string"]) if found["string"] else bytes.fromhex(found["hex"] or "")
+            data = parse_string_literal(traffic["string"]) if traffic["string"] else bytes.fromhex(traffic["hex"] or "")
         except DecodeError:
             known.discard(number)
             continue
-        if data is None and found["string"]:  # a string without escapes: a frame of ASCII
-            data = found["string"].lstrip("b")[1:-1].encode("latin-1", "replace")
-        stamp = stamp_in(line[: found.start()])
-        is_asked = "rit" in found["word"]
+        if data is None and traffic["string"]:  # a string without escapes: a frame of ASCII
+            data = traffic["string"].lstrip("b")[1:-1].encode("latin-1", "replace")
+        stamp = stamp_in(line[: traffic.start()])
+        is_asked = "rit" in traffic["word"]
         if data or not is_asked:
             entries.append(LogEntry(number, data, is_asked, is_asked, stamp))
     return FormContent(entries, known)
@@ -253,21 +253,21 @@ def read_syscalls(lines: list[str], decided: object = None) -> FormContent:
     entries: list[LogEntry] = []
     known: set[int] = set()
     for number, line in enumerate(lines, start=1):
-        found = _SYSTEM_CALL.fullmatch(line)
-        if found is None:
+        call = _SYSTEM_CALL.fullmatch(line)
+        if call is None:
             continue
         if '"...' not in line:
             known.add(number)
-        if found["cut"] or int(found["size"]) <= 0:
+        if call["cut"] or int(call["size"]) <= 0:
             continue
         try:
-            data = parse_string_literal(found["string"])
+            data = parse_string_literal(call["string"])
         except DecodeError:
             continue
         if data is None:
-            data = found["string"][1:-1].encode("latin-1", "replace")
-        sent, stamp = found["call"] in _WRITES, stamp_in(found["before"])
-        entries.append(LogEntry(number, data[: int(found["size"])], sent, stamp=stamp, connection=found["number"]))
+            data = call["string"][1:-1].encode("latin-1", "replace")
+        sent, stamp = call["call"] in _WRITES, stamp_in(call["before"])
+        entries.append(LogEntry(number, data[: int(call["size"])], sent, stamp=stamp, connection=call["number"]))
     names = dict(decided) if isinstance(decided, dict) else {}
     others = (entry for entry in entries if entry.connection not in names)
     carrying = {entry.connection for entry in others if _is_frame(entry.data or b"")}
@@ -302,15 +302,15 @@ def read_bytewise(lines: list[str]) -> FormContent:
     stamp: Stamp | None = None
     for number, line in enumerate(lines, start=1):
         plain = line.strip()
-        if found := _INTERCEPTTY.fullmatch(line):
-            _add_interceptty(entries, found, number, follows=number - 1 in known)
+        if row := _INTERCEPTTY.fullmatch(line):
+            _add_interceptty(entries, row, number, follows=number - 1 in known)
             known.add(number)
-        elif found := _SLSNIF.match(line):
-            if _add_slsnif(entries, found, number, stamp):
+        elif row := _SLSNIF.match(line):
+            if _add_slsnif(entries, row, number, stamp):
                 known.add(number)
                 stamp = None
-        elif found := _SALEAE[0].fullmatch(plain) or _SALEAE[1].fullmatch(plain):
-            entries.append(LogEntry(number, bytes.fromhex(found["byte"]), stamp=Stamp(float(found["at"]))))
+        elif row := _SALEAE[0].fullmatch(plain) or _SALEAE[1].fullmatch(plain):
+            entries.append(LogEntry(number, bytes.fromhex(row["byte"]), stamp=Stamp(float(row["at"]))))
             known.add(number)
         elif line.startswith("Total bytes transmitted:") or _SALEAE_HEAD.fullmatch(plain):
             known.add(number)
@@ -320,10 +320,10 @@ def read_bytewise(lines: list[str]) -> FormContent:
     return FormContent(entries, known)
 
 
-def _add_interceptty(entries: list[LogEntry], found: re.Match[str], number: int, *, follows: bool) -> None:
+def _add_interceptty(entries: list[LogEntry], row: re.Match[str], number: int, *, follows: bool) -> None:
     """Add a byte to the last entry if that is of the same direction and time, and in the line before."""
-    sent, data = found["mark"] == ">", bytes.fromhex(found["byte"])
-    time = _INTERCEPTTY_TIME.match(found[0])
+    sent, data = row["mark"] == ">", bytes.fromhex(row["byte"])
+    time = _INTERCEPTTY_TIME.match(row[0])
     at = None if time is None else Stamp(60 * (60 * int(time[1]) + int(time[2])) + float(time[3]), None, True)
     last = entries[-1] if entries else None
     if last is not None and follows and last.sent is sent and at in (None, last.stamp):
@@ -332,15 +332,15 @@ def _add_interceptty(entries: list[LogEntry], found: re.Match[str], number: int,
         entries.append(LogEntry(number, data, sent, stamp=at))
 
 
-def _add_slsnif(entries: list[LogEntry], found: re.Match[str], number: int, stamp: Stamp | None) -> bool:
+def _add_slsnif(entries: list[LogEntry], row: re.Match[str], number: int, stamp: Stamp | None) -> bool:
     """Add the bytes of a line; one without a word goes on with the entry above. Return whether it has bytes."""
-    digits = [piece["byte"] for piece in _SLSNIF_BYTE.finditer(found["bytes"])]
+    digits = [piece["byte"] for piece in _SLSNIF_BYTE.finditer(row["bytes"])]
     if not digits:
         return False
     base = 10 if len(digits[0]) == 3 else 16
     data = bytes(int(byte, base) & 0xFF for byte in digits)
-    if found["word"].strip():
-        entries.append(LogEntry(number, data, found["word"] == "Host  ", stamp=stamp))
+    if row["word"].strip():
+        entries.append(LogEntry(number, data, row["word"] == "Host  ", stamp=stamp))
     elif entries:
         entries[-1] = entries[-1]._replace(data=(entries[-1].data or b"") + data)
     return True
