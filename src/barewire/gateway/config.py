@@ -427,7 +427,6 @@ class _Reader:
     def _backend(self, path: Path, row: Mapping[str, Any]) -> BackendConfig | None:
         values = self._values("backend", row, path, ("unit",))
         endpoint = self._endpoint(path, values["url"], _backend_endpoint, _check_backend)
-        is_can = endpoint is not None and endpoint.scheme == "can"
         of_units = row.get("unit", {})
         if not isinstance(of_units, dict) or not all(isinstance(unit, dict) for unit in of_units.values()):
             self._fault((*path, "unit"), "unit: expected [backend.unit.5], a table for each unit")
@@ -460,19 +459,7 @@ class _Reader:
                 devices[int(key)] = device
         if endpoint is None or not isinstance(values["name"], str):
             return None
-        if is_can and any(not 1 <= node <= 127 for node in units.values()):
-            self._fault((*path, "units"), "a node-ID is 1 to 127: give the units others with [backend.unit.N] as = ...")
-        if any(unit not in units.values() for unit in endpoint.own_units):
-            self._fault((*path, "url"), "the URL has an option of a unit that is not in units")
-        for name in {"unit", "node"} & endpoint.options.keys():
-            self._fault((*path, "url"), f"{name}={endpoint.options[name]}: units says what is behind the line")
-        if any(not endpoint.seconds(key, 0.0) for key in endpoint.options if split_name(key)[0] == "timeout"):
-            self._fault((*path, "url"), "timeout=0: expected more than 0")
-        if not 1 <= values["in_flight"] <= (16 if endpoint.framing == "tcp" else 1):
-            expected = "1 to 16 requests" if endpoint.framing == "tcp" else "1: a serial line has one at a time"
-            self._fault((*path, "in_flight"), f"in_flight = {values['in_flight']}: expected {expected}")
-        if values["broadcast"] and endpoint.framing not in ("rtu", "ascii"):
-            self._fault((*path, "broadcast"), "broadcast: only a serial line has broadcasts")
+        self._check_line(path, endpoint, values, units)
         asked = endpoint._replace(options={**endpoint.options, **asking})
 
         def unit_config(unit: int | None) -> UnitConfig:
@@ -492,6 +479,22 @@ class _Reader:
             patience=values["patience"],
             devices=devices,
         )
+
+    def _check_line(self, path: Path, endpoint: Endpoint, values: Mapping[str, Any], units: Mapping[int, int]) -> None:
+        """Note values that do not suit the line of a backend."""
+        if endpoint.scheme == "can" and any(not 1 <= node <= 127 for node in units.values()):
+            self._fault((*path, "units"), "a node-ID is 1 to 127: give the units others with [backend.unit.N] as = ...")
+        if any(unit not in units.values() for unit in endpoint.own_units):
+            self._fault((*path, "url"), "the URL has an option of a unit that is not in units")
+        for name in {"unit", "node"} & endpoint.options.keys():
+            self._fault((*path, "url"), f"{name}={endpoint.options[name]}: units says what is behind the line")
+        if any(not endpoint.seconds(key, 0.0) for key in endpoint.options if split_name(key)[0] == "timeout"):
+            self._fault((*path, "url"), "timeout=0: expected more than 0")
+        if not 1 <= values["in_flight"] <= (16 if endpoint.framing == "tcp" else 1):
+            expected = "1 to 16 requests" if endpoint.framing == "tcp" else "1: a serial line has one at a time"
+            self._fault((*path, "in_flight"), f"in_flight = {values['in_flight']}: expected {expected}")
+        if values["broadcast"] and endpoint.framing not in ("rtu", "ascii"):
+            self._fault((*path, "broadcast"), "broadcast: only a serial line has broadcasts")
 
     def _device(
         self, endpoint: Endpoint | None, values: Mapping[str, Any], table: Mapping[str, Any], path: Path

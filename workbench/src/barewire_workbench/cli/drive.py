@@ -141,30 +141,7 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
                 if name == "enable" and (old := _old_target(machine, device)):
                     note(old)
                 client = machine.drive.following(show_progress, timeout=timeout)
-                with ended_by_signals(interrupt=True) as ignore_signals:
-                    try:
-                        try:
-                            status = action(client, **arguments)
-                        except Exception:
-                            ignore_signals()  # from here on nothing interrupts a quick stop or the report of an error
-                            raise
-                    except (NoAnswer, PortError) as error:
-                        if moves and client.drive.control is not None:
-                            error.add_note(f"{name}: the motor may still be turning")
-                        raise
-                    except DriveStuck as error:
-                        if moves and client.drive.control is not None:
-                            done = _quick_stop(client, f"{name} did not reach its target")
-                            error.add_note(f"then the command stopped the motor: {done}")
-                        raise
-                    except (EndedBySignal, OSError) as error:
-                        if moves and (isinstance(error, EndedBySignal) or client.drive.control is not None):
-                            done = _quick_stop(client, f"{name} was interrupted")
-                            with suppress(OSError):
-                                note(f"{name} was interrupted: {done}")
-                        if isinstance(error, EndedBySignal):
-                            raise click.exceptions.Exit(error.status) from None
-                        raise
+                status = _carry_out(name, action, client, arguments, moves=moves)
             bits = ", ".join(bit_names(status.status_word)) or "no bit set"
             output.text(f"{status.state_name}{_values(status)}; status word {status.status_word:04X}h: {bits}")
             output.text(*_remarks(name, device, status, arguments))
@@ -183,6 +160,36 @@ def _action(name: str, *, moves: bool = False) -> Callable[[_Action], click.Comm
         return drive_command.command(name, cls=kind, context_settings=settings)(command)
 
     return make_command
+
+
+def _carry_out(
+    name: str, action: _Action, client: DriveClient, arguments: dict[str, Any], *, moves: bool
+) -> DriveStatus:
+    """Carry out an action. A movement that does not reach its target, or that a signal ends, becomes a quick stop."""
+    with ended_by_signals(interrupt=True) as ignore_signals:
+        try:
+            try:
+                return action(client, **arguments)
+            except Exception:
+                ignore_signals()  # from here on nothing interrupts a quick stop or the report of an error
+                raise
+        except (NoAnswer, PortError) as error:
+            if moves and client.drive.control is not None:
+                error.add_note(f"{name}: the motor may still be turning")
+            raise
+        except DriveStuck as error:
+            if moves and client.drive.control is not None:
+                outcome = _quick_stop(client, f"{name} did not reach its target")
+                error.add_note(f"then the command stopped the motor: {outcome}")
+            raise
+        except (EndedBySignal, OSError) as error:
+            if moves and (isinstance(error, EndedBySignal) or client.drive.control is not None):
+                outcome = _quick_stop(client, f"{name} was interrupted")
+                with suppress(OSError):
+                    note(f"{name} was interrupted: {outcome}")
+            if isinstance(error, EndedBySignal):
+                raise click.exceptions.Exit(error.status) from None
+            raise
 
 
 def _check(machine: MachineClient, no_check: bool, *, before_write: bool) -> None:
