@@ -101,7 +101,7 @@ def is_right(case: Case, codes: list[str]) -> bool:
     return case["expected"] == ["*"] or codes[0] in (case["expected"] or case.get("also", []))
 
 
-_UNDECIDED = {"nothing-proved", "open", "not-seen", "no-bytes"}
+_UNDECIDED = {"nothing-proved", "open", "not-seen", "no-bytes", "said"}
 """Codes that accuse nobody and leave the cause open."""
 _SEEN = {"refused", "nothing-heard", "no-frame", "no-frames", "no-answer", "no-answers", "dead-unit", "lost-answers"}
 """Codes that say what came or did not come, and not why."""

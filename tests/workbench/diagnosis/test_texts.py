@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import pytest
 
-from barewire_workbench.diagnosis.texts import verdict_without_bytes
+from barewire_workbench.diagnosis.texts import verdict_of_words, verdict_without_bytes
 from tests.helpers import every_case
 
 
@@ -68,3 +68,54 @@ def test_a_failure_outside_the_field_is_no_message(text: str) -> None:
 
 def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() -> None:
     assert verdict_without_bytes("frame: 01 03 9c 41 00 02 ba 4f") is None
+
+
+@pytest.mark.parametrize(
+    ("text", "states"),
+    [
+        (
+            "ERROR: Acknowledgement Error Detected, ERROR-PASSIVE",
+            "no other node acknowledges what is sent, that the CAN",
+        ),
+        ("mcp2515: bit stuffing errors", "errors of stuffing or form"),
+        ("write: No buffer space available", "may be no other node acknowledges, or a queue that is too short"),
+        ("Get:06:2101:01: Data type does not match (06070010)", "abort 06070010"),
+        ("abort 1a01#2: Object cannot be mapped to the PDO.", "abort 06040041"),
+        (
+            "Emergency message from node 0x02: errorCode=0x8130",
+            "the emergency 8130h (life guarding or heartbeat error)",
+        ),
+        ("mbpoll: slave address out of range (800)", "unit 800 is asked, which is none"),
+        (
+            "Data length error, expected 261 got 5",
+            "5 bytes came where 261 were expected: the length of a refusal, that 128",
+        ),
+        ("sdo request: no response", "candump shows whether the request is on the bus"),
+        ("modbus: no response", "barewire scan tries units and settings"),
+        ("Result: EX_ILLEGAL_ADDRESS", "exception 02 (illegal data address)"),
+    ],
+)
+def test_words_that_leave_the_cause_open_name_what_it_may_be_and_how_to_tell(text: str, states: str) -> None:
+    verdict = verdict_without_bytes(text)
+    assert verdict is not None
+    assert states in verdict.evidence
+
+
+@pytest.mark.parametrize(
+    ("text", "codes", "says"),
+    [
+        ("Modbus CRC Check failed! 9021!=02", {"open"}, "each checksum that is read fits"),
+        ("CRC: 5C 0A", {"nothing-wrong"}, None),
+        ("invalid checksum", {"no-frames"}, "a checksum was wrong; that may be"),
+        ("Unexpected byte count. Expected 32, received 16", {"nothing-wrong"}, "the length that was asked"),
+        ("Timeout for reading: 300.0 ms", {"nothing-wrong"}, None),
+        ("CRC error", {"bit-flip", "nothing-proved"}, None),
+        ("connection reset by peer", {"open", "not-seen"}, "the other side closed the connection"),
+    ],
+)
+def test_words_beside_bytes_are_said_and_not_seen(text: str, codes: set[str], says: str | None) -> None:
+    verdict = verdict_of_words(text, codes)
+    assert (verdict is None) is (says is None)
+    if verdict is not None and says is not None:
+        assert verdict.code == "said"
+        assert says in verdict.evidence

@@ -25,13 +25,15 @@ from barewire_workbench.cli.sources import (
 )
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDiagnosis
-from barewire_workbench.diagnosis.texts import is_text, verdict_without_bytes
+from barewire_workbench.diagnosis.texts import is_text, verdict_of_words, verdict_without_bytes
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.live.listen import listen_with
 from barewire_workbench.recordings.modbus_log.posted import read_posted
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
 from barewire_workbench.sniffer import WINDOW
 
+_TEXT_MAX = 0x8000
+"""Bytes of the longest text whose words are judged beside its bytes; a longer one is a log."""
 _SHOWN = 5
 """Findings with the same code and place that are printed; the others are counted."""
 
@@ -132,6 +134,13 @@ class _Printer:
             self._output.show(f"{name}  {verdict.sentence}".lstrip(), verdict.as_dict() | where)
 
 
+def _of_words(traffic: Source, verdicts: list[tuple[str, LineVerdict]]) -> list[tuple[str, LineVerdict]]:
+    """Return the verdict on the words of a short text; none for a line or bus, or a capture."""
+    start = b"" if traffic.endpoint is not None else traffic.recording.start
+    words = verdict_of_words(start.decode("utf-8", "replace"), {verdict.code for _, verdict in verdicts})
+    return [("", words)] if words is not None and len(start) < _TEXT_MAX else []
+
+
 # Modbus
 
 
@@ -148,7 +157,8 @@ def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
             diagnosis = ModbusLogDiagnosis(first, window, traffic.protocol)
             printer.findings(diagnosis.findings(others))
             printer.unread.end()
-            printer.verdicts(diagnosis.verdicts())
+            verdicts = diagnosis.verdicts()
+            printer.verdicts([*verdicts, *_of_words(traffic, verdicts)])
             return
     printer.verdicts([("", words)])
 
@@ -176,4 +186,5 @@ def _diagnose_can(traffic: Source, diagnosis: CanLogDiagnosis, printer: _Printer
     check_bus(diagnosis.only, diagnosis.seen)
     printer.unread.items(diagnosis.unread)
     printer.unread.end()
-    printer.verdicts(diagnosis.verdicts())
+    verdicts = diagnosis.verdicts()
+    printer.verdicts([*verdicts, *_of_words(traffic, verdicts)])

@@ -70,6 +70,10 @@ _TWICE = 0.01
 """Seconds in which the second of two nodes answers the same request."""
 _PATIENCE = 1.0
 """Seconds in which a node answers."""
+_BLOCK_CONFIRMED = b"\xa2"
+_NOT_STARTED = (NmtState.INITIALISING, NmtState.PRE_OPERATIONAL)
+_STATUS_MASK, _SWITCH_ON_DISABLED = 0x024F, 0x0240
+"""Bits of the status word of CiA 402, with that of remote control."""
 _IDENTITY = frozenset({0x1000, 0x1018})
 """Objects that a search for nodes reads of every node-ID."""
 
@@ -81,6 +85,7 @@ class BusCounts:
         self.frames = 0
         self.received = 0  # frames that the recorder did not send itself
         self.fd_frames = 0
+        self.extended = 0
         self.errors = 0
         self.unacknowledged = 0
         self.counter = 0  # the highest error counter that a controller reported
@@ -113,6 +118,7 @@ class BusCounts:
         self.frames += 1
         self.received += sent is not True
         self.fd_frames += isinstance(frame, FdFrame)
+        self.extended += isinstance(frame, CanFrame | FdFrame) and frame.extended
         owner = classify(frame) if isinstance(frame, CanFrame) and not frame.remote else None
         if owner is not None and owner[0].from_device and owner[1]:
             self.heard[owner[1]] = now
@@ -340,6 +346,9 @@ class BusDiagnosis:
         self._toggled: dict[int, Gap] = {}  # node -> a toggle bit that did not alternate, if no segment is missing
         self._searched: dict[int, Proved] = {}  # node -> no answer, perhaps in a search for nodes
         self._errors = 0  # error frames since the last good frame
+        self._confirmed: dict[int, tuple[int, int]] = {}  # channel -> segments of a block that arrived, and its size
+        self._last_transfer = ""
+        self._words: dict[int, tuple[int, int]] = {}  # COB-ID of a PDO -> its node, and the first two bytes of the last
 
     def __repr__(self) -> str:
         return (
@@ -395,6 +404,7 @@ class BusDiagnosis:
         causes = counts.verdicts()
         answered = sum(counts.asked.values()) - sum(counts.unanswered.values())
         seen = f"{counted(counts.frames, 'frame')} of {counted(len(counts.heard), 'node')}, {answered} SDO answers"
+        seen += "".join(f"; {fact}" for fact in self._facts())
         if self._silences:
             seen += f"; requests to several nodes have no answer at {counted(self._silences, 'place')}"
         fd, gaps = counted(counts.fd_frames, "frame"), counted(self.gaps, "gap")
@@ -405,8 +415,24 @@ class BusDiagnosis:
         ]
         if not causes and not counts.frames and not self.found.total:
             errors = counted(counts.errors, "error frame")
+            errors += f"; an error counter of the controller is {counts.counter}" if counts.counter else ""
             causes.append(LineVerdict("nothing-heard", "no frame was received", errors))
         return causes or verdicts_without_cause(self.found, self.unsettled, seen)
+
+    def _facts(self) -> Iterator[str]:
+        """Yield what one asks next about a bus on which nothing is wrong."""
+        counts, now = self.counts, self.monitor.now
+        if counts.frames and counts.extended == counts.frames:
+            yield "all identifiers have 29 bits: no CANopen"
+        waiting = [node for node in counts.heard if self.monitor.nodes.state(node, now) in _NOT_STARTED]
+        if waiting and self._last_transfer:
+            yield f"{_nodes(waiting)} not started (NMT); the last SDO is {self._last_transfer}"
+        disabled = {  # of each node the first PDO that may have a status word
+            node: f"if PDO {identifier:03X}h is a status word, drive {node} is in switch on disabled: {word:04X}h"
+            for identifier, (node, word) in reversed(self._words.items())
+            if word & _STATUS_MASK == _SWITCH_ON_DISABLED
+        }
+        yield from disabled.values()
 
     def _at(self, proofs: Iterable[Proved], now: float, line: int) -> list[LogFinding]:
         findings = []
@@ -438,6 +464,10 @@ class BusDiagnosis:
         if self.monitor.takes_segment(frame):
             return
         owner = classify(frame)
+        if owner is not None and owner[0].name.startswith("TPDO") and len(frame.data) > 1:
+            self._words[frame.id] = owner[1], int.from_bytes(frame.data[:2], "little")
+        if owner is not None and owner[0].name == "SDO answer" and frame.data[:1] == _BLOCK_CONFIRMED:
+            self._confirmed[owner[1]] = frame.data[1], frame.data[2]
         if owner is not None and owner[0].name.startswith("SDO") and frame.data:
             request = owner[0].name == "SDO request"
             if request and frame.data[0] >> 5 in (1, 2, 5, 6):
@@ -510,6 +540,7 @@ class BusDiagnosis:
 
     def _transfer(self, event: SdoTransferReport) -> Iterator[Proved]:
         node, place = event.node, object_name(event.index, event.sub)
+        self._last_transfer = f"{place} of node {node}"
         toggled = self._toggled.pop(node, None)
         if toggled is not None and event.outcome == "done" and event.size is not None and event.size == event.count:
             proof = f"all {event.size} bytes of {place} are in the recording, so no segment is missing"
@@ -533,7 +564,9 @@ class BusDiagnosis:
                 if event.by == "server":
                     yield from self._refused(event, place)
         elif event.outcome == "aborted":
-            self.unsettled.refused[f"abort {event.abort or 0:08X}h on the channel of node {node}"] += 1
+            arrived, size = self._confirmed.get(node, (0, 0))
+            lost = f" after {arrived} of {size} segments of a block arrived" if arrived < size else ""
+            self.unsettled.refused[f"abort {event.abort or 0:08X}h on the channel of node {node}{lost}"] += 1
         else:  # its beginning or its end is not in the recording
             self._not_awaited[node] += 1
 

@@ -9,13 +9,24 @@ port is closed, a device refused, no answer came) and how the program that wrote
 from __future__ import annotations
 
 import re
+from collections.abc import Collection
 from itertools import chain
 
-from barewire.canopen.abort_codes import abort_text
+from barewire.canopen.abort_codes import AbortCode, abort_text
+from barewire.canopen.emcy import error_text
 from barewire.modbus.exceptions import exception_name
 from barewire_workbench.diagnosis.verdict import LineVerdict
 from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog
 
+_LONG = 14
+"""Characters of a text that is no word of every message."""
+_REFUSAL, _LONGEST_ANSWER, _MOST_REGISTERS = 5, 255, 125
+"""Bytes of an exception and of the longest answer on a serial line, and the registers in that."""
+_UNDECIDED = frozenset({"nothing-wrong", "open", "not-seen", "nothing-heard", "no-frames", "refused"})
+_CHECKSUM_FAILS = re.compile(
+    r"(?i)(?:crc|checksum|lrc)\W{0,3}(?:\w+ ){0,2}(?:err|fail|wrong|invalid|mismatch|incorrect|bad|does not|differ|!=)|"
+    r"(?:wrong|invalid|bad|incorrect|no) (?:crc|checksum|lrc)"
+)
 _GENERAL_FORMS = ("marked", "blocks", "bytes")
 """Forms that any program may have written: a word and hexadecimal digits are enough."""
 _SHORTEST = 4
@@ -50,6 +61,11 @@ _PROGRAMS: tuple[tuple[str, str, str], ...] = (
     ("mbusd", r"\bmbusd\b", "mbusd -d -v 9"),
     ("pyModbusTCP", r"pyModbusTCP", 'logging.getLogger("pyModbusTCP").setLevel(logging.DEBUG)'),
     ("esp-modbus", r"MB_(?:CONTROLLER|PORT|TCP|SERIAL)|mb[cm]_\w+|mb_port", 'esp_log_level_set("*", ESP_LOG_DEBUG)'),
+    (
+        "modbus-esp8266",
+        r"modbus-esp8266|ModbusRTU\.h|ModbusIP_ESP|\bEX_[A-Z_]{5,}|Modbus::ResultCode",
+        "its onRaw callback, or a second adapter at the line",
+    ),
     ("eModbus", r"eModbus|ModbusClient(?:RTU|TCP)|handleError", "the build flag -DLOG_LEVEL=6"),
     (
         "NModbus",
@@ -96,7 +112,8 @@ _PROGRAMS: tuple[tuple[str, str, str], ...] = (
         "a program on CAN",
         r"(?i)socketcan|\bv?can\d\b|Can(?:Operation|Initialization)?Error|No buffer space|canopen|abort code|"
         r"\bSDO\b|\bPDO\b|\bNMT\b|\bEMCY\b|bus[- ]?off|heartbeat|boot-?up|Transition timeout|"
-        r"\bcan[-_ ]?bus|slcan|(?-i:\bCAN\b)|\b(?:11|29)[- ]?bit\b",
+        r"\bcan[-_ ]?bus|slcan|mcp[-_]?2515|\btwai\b|flexcan|fdcan|bxcan|"
+        r"stuff(?:ing)? error|(?-i:\bCAN\b)|\b(?:11|29)[- ]?bit\b",
         _CANDUMP,
     ),
 )
@@ -104,6 +121,10 @@ _PROGRAMS: tuple[tuple[str, str, str], ...] = (
 that use the library of another come before it."""
 _ANY_PROGRAM = "of TCP by tcpdump -i any -w line.pcap port 502, of a serial line by barewire sniff at a second adapter"
 
+_SILENT, _CHECKSUM, _LENGTH = "no answer came in time", "a checksum was wrong", "an answer had another length"
+_OTHER_UNIT = "an answer came from another unit"
+_QUEUE_FULL = "frames cannot be sent, since the send queue of the interface is full"
+_NOT_ACKNOWLEDGED = "no other node acknowledges what is sent"
 _STATED: tuple[tuple[str, str], ...] = (
     (
         r"refused|ECONNREFUSED|Errno 111",
@@ -120,7 +141,15 @@ _STATED: tuple[tuple[str, str], ...] = (
         "another program has the port, or this one may not open it",
     ),
     (r"(?i)network is down|ENETDOWN", "the interface is not up"),
-    (r"(?i)bus[- ]?off|error[- ]passive", "the CAN controller has left the bus, or is about to, for errors"),
+    (
+        r"(?i)acknowledge?(?:ment)?[- ]error|no[- ]ack\b|not acknowledged|only one node|alone on the (?:can|bus)|"
+        r"only node|all ?tx ?busy",
+        _NOT_ACKNOWLEDGED,
+    ),
+    (r"(?i)\bstuff(?:ing)?\b|form[- ]error", "frames are damaged on the bus: errors of stuffing or form"),
+    (r"No buffer space|CANsend\) Transmitting", _QUEUE_FULL),
+    (r"(?i)bus[- ]?off", "the CAN controller has left the bus for errors"),
+    (r"(?i)error[- ]passive", "the CAN controller is error passive"),
     (r"Errno -[235]\]|getaddrinfo|Name or service", "the name of the host is not known"),
     (
         r"unexpectedly closed|reset by peer|ECONNRESET|IncompleteReadError|[Cc]onnection (?:lost|closed)",
@@ -130,30 +159,61 @@ _STATED: tuple[tuple[str, str], ...] = (
         r"Failed to connect|connect failed|dial tcp .*timeout|failed: timed out|FSM|Port Not Open|could not open",
         "there is no connection",
     ),
-    (r"\bCRC|_CRC|[Cc]hecksum|\bLRC\b", "a checksum was wrong"),
+    (r"\bCRC|_CRC|[Cc]hecksum|\bLRC\b", _CHECKSUM),
     (
-        r"[Ll]ength error|data size|WRONG_BYTES|(?i:length is invalid|invalid (?:\w+ )?length|incomplete|too short)|"
+        r"[Ll]ength error|data size|WRONG_BYTES|"
+        r"(?i:unexpected byte count|length is invalid|invalid (?:\w+ )?length|incomplete|too short)|"
         r"not corresponding|count does not match|expected \d+ (?:bytes )?(?:but )?got \d+",
-        "an answer had another length",
+        _LENGTH,
     ),
     (r"[Uu]nable to decode", "an answer was not understood"),
     (
         r"(?i)(?:slave|unit|device) id '?\d+'? does not match|ask for (?:dev_)?id=|was expected but slave|"
         r"not from requested slave|wrong (?:slave|unit|device)",
-        "an answer came from another unit",
+        _OTHER_UNIT,
     ),
-    (r"No buffer space|CANsend\) Transmitting", "frames cannot be sent: no other node acknowledges, or the bus is off"),
     (
-        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|time[ds]?[-_ ]?out|"
+        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|time[ds]?[-_ ]?out|\b0xE2\b|"
         r"(?:not|n't) (?:receive|respond|answer|get(?! (?:\w+ ){1,3}work))|no communication|offline|waiting for",
-        "no answer came in time",
+        _SILENT,
     ),
 )
 """What the words of a message state, most telling first."""
+_TOLD_APART: dict[str, tuple[str, str]] = {
+    _SILENT: (
+        "another unit or other settings, exchanged wires, a driver not switched (DE, RTS), a device that is off",
+        "barewire scan tries units and settings; a second adapter shows whether the request is on the line",
+    ),
+    _CHECKSUM: (
+        "bytes lost or added while the direction changes, another parity, noise, or a program that takes other bytes",
+        "the bytes of one answer show which",
+    ),
+    _LENGTH: (
+        "a refusal (5 bytes on a serial line), bytes lost or added, or a device with longer registers",
+        "the bytes of one answer show which",
+    ),
+    _OTHER_UNIT: (
+        "a device that answers as another unit, a late answer, or another master on the line",
+        "ask the unit that answers; if that is good, it is the first",
+    ),
+    _QUEUE_FULL: (
+        "no other node acknowledges, or a queue that is too short for what is sent at once",
+        "candump -e shows error frames in the first case; in the second `ip link set can0 txqueuelen 1000` helps",
+    ),
+    _NOT_ACKNOWLEDGED: (
+        "no other node that is on and has this bit rate (of CAN FD both), or the wiring",
+        "a second adapter with candump at the same bit rate: if that acknowledges, the other node is the cause",
+    ),
+}
+"""What may be behind the words, and the observation that tells it apart."""
+_SILENT_ON_CAN = (
+    "a node that is off, stopped or has another node-ID, another bit rate, or the wiring",
+    "candump shows whether the request is on the bus and whether any node sends",
+)
 _IS_MESSAGE = re.compile(
     r"(?i)err|fail|exception|time[- ]?d?[- ]?out|result|refused|respon|answer|abort|offline|duplicate|reset|"
     r"no buffer|match|wrong|invalid|unable|cannot|denied|lost|closed|\bdown\b|\bbusy\b|bus[- ]?off|"
-    r"modbus|slave|canopen|\bsdo\b|wait_for"
+    r"modbus|slave|canopen|\bsdo\b|wait_for|illegal|\bEX_|acknowledg|\bstuff|\b0xE[0-9]\b"
 )
 """Words of programs on a line or bus, and of failures; a text without them is no message of either."""
 _FIELD = re.compile(
@@ -188,7 +248,11 @@ _NAME = re.compile(
     r"target[ _]?device[ _]?failed[ _]?to[ _]?respond"
 )
 _EXCEPTION = re.compile(r"Exception Response\(|exceptionCode|SlaveException")
-_ABORT = re.compile(r"\b0x(0[568][0-9A-Fa-f]{6})\b")
+_ABORT = re.compile(r"\b(?:0x|(?<=\())(0[568][0-9A-Fa-f]{6})\b")
+_ABORT_TEXTS = {code.text.partition(",")[0].lower(): code for code in AbortCode if len(code.text) > _LONG}
+_EMERGENCY = re.compile(r"(?i)\berror ?code\W{1,3}0x([0-9a-f]{4})\b")
+_UNIT = re.compile(r"(?i)(?:slave|unit|server)(?: address| id)? out of range \((\d{3,})\)")
+_LENGTHS = re.compile(r"(?i)expected (\d+),? (?:bytes )?(?:but )?(?:got|received) (\d+)")
 _TRANSACTIONS = re.compile(
     r"transaction[ _]id '?(\d+)'? does not match request '?(\d+)|ask for transaction_id=(\d+) but got id=(\d+)"
 )
@@ -203,13 +267,55 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
     is_message = _IS_MESSAGE.search(text) or (_FIELD.search(text) and _FAILURE.search(text))
     if "\0" in text or not is_message:
         return None
-    program, how = next(
-        ((name, how) for name, words, how in _PROGRAMS if re.search(words, text, re.MULTILINE)), ("", _ANY_PROGRAM)
-    )
-    stated = list(dict.fromkeys(chain(_numbered(text), (what for words, what in _STATED if re.search(words, text)))))
+    program, how = _program(text)
+    stated = _stated(text)
     said = f"the text says that {', that '.join(stated)}" if stated else "the text does not say what failed"
     log = f"a log of {program} with its bytes: {how}" if program else f"a log with bytes: {how}"
-    return LineVerdict("no-bytes", "there are no bytes, so that no cause is proved", f"{said}; to get {log}")
+    return LineVerdict(
+        "no-bytes", "there are no bytes, so that no cause is proved", f"{said}{_apart(stated, text)}; to get {log}"
+    )
+
+
+def verdict_of_words(text: str, codes: Collection[str]) -> LineVerdict | None:
+    """Return what the words beside the bytes state, as said and not seen; None if they state nothing, or if `codes`,
+    those of the diagnosis, name a cause."""
+    stated = [] if "\0" in text or set(codes) - _UNDECIDED else _stated(text)
+    if "nothing-wrong" in codes or "refused" in codes:
+        stated = [what for what in stated if what != _SILENT]  # the bytes show it
+    if not _CHECKSUM_FAILS.search(text):
+        stated = [what for what in stated if what != _CHECKSUM]
+    if not stated:
+        return None
+    against = ""
+    if _CHECKSUM in stated and set(codes) <= {"nothing-wrong", "open", "refused"}:
+        against = "; each checksum that is read fits, so that the program checks other bytes than it prints"
+    elif _LENGTH in stated and set(codes) <= {"nothing-wrong"}:
+        against = (
+            "; the answer that is read has the length that was asked: another is meant, or the program expects more"
+        )
+    evidence = f"the text says that {', that '.join(stated)}{against or _apart(stated, text)}"
+    return LineVerdict("said", "the words beside the bytes are said, not seen", evidence)
+
+
+def _stated(text: str) -> list[str]:
+    return list(dict.fromkeys(chain(_numbered(text), (what for words, what in _STATED if re.search(words, text)))))
+
+
+def _program(text: str) -> tuple[str, str]:
+    """Return the program that wrote a text, and how it logs its bytes; an empty name if no word tells."""
+    program = next(((name, how) for name, words, how in _PROGRAMS if re.search(words, text, re.MULTILINE)), None)
+    if program is not None:
+        return program
+    is_can = any(stated.startswith("a node ") for stated in _numbered(text))
+    return ("a program on CAN", _CANDUMP) if is_can else ("", _ANY_PROGRAM)
+
+
+def _apart(stated: list[str], text: str) -> str:
+    """Return what may be behind the most telling words, if they leave it open, and how to tell."""
+    what = stated[0] if stated else ""
+    is_can = what == _SILENT and _program(text)[1] == _CANDUMP
+    causes, observation = _SILENT_ON_CAN if is_can else _TOLD_APART.get(what, ("", ""))
+    return f"; that may be {causes}: {observation}" if causes else ""
 
 
 def is_text(log: ModbusLog) -> bool:
@@ -235,7 +341,18 @@ def _numbered(text: str) -> list[str]:
         stated.append(f"a device is reached and refuses: exception {number:02X} ({exception_name(number)})")
     if not stated and _EXCEPTION.search(text):
         stated.append("a device is reached and refuses with an exception")
-    stated += [f"a node refuses: abort {code.upper()} ({abort_text(int(code, 16))})" for code in _ABORT.findall(text)]
+    aborts = {int(code, 16) for code in _ABORT.findall(text)}
+    if not aborts and "bort" in text:
+        aborts = {int(code) for words, code in _ABORT_TEXTS.items() if words in text.lower()}
+    stated += [f"a node refuses: abort {code:08X} ({abort_text(code)})" for code in sorted(aborts)]
+    for code in dict.fromkeys(_EMERGENCY.findall(text)):
+        stated.append(f"a node reports the emergency {code}h ({error_text(int(code, 16))})")
+    stated += [f"unit {unit} is asked, which is none: 1 to 247 are; a register?" for unit in _UNIT.findall(text)]
+    for expected, got in (map(int, found) for found in _LENGTHS.findall(text)):
+        if got == _REFUSAL < expected:
+            stated.append(f"5 bytes came where {expected} were expected: the length of a refusal")
+        if expected > _LONGEST_ANSWER:
+            stated.append(f"{(expected - _REFUSAL) // 2} registers are asked, and {_MOST_REGISTERS} are the most")
     pairs = [(answer or got, request or asked) for answer, request, asked, got in _TRANSACTIONS.findall(text)]
     if pairs and all(int(request) - int(answer) == 1 for answer, request in pairs):
         stated.append("each answer is that of the request before, so late by one")
