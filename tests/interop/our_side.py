@@ -9,7 +9,6 @@ from __future__ import annotations
 import asyncio
 import contextlib
 import inspect
-import time
 from collections.abc import AsyncIterator, Awaitable, Callable, Iterator
 from pathlib import Path
 from typing import Any
@@ -168,14 +167,6 @@ class RecordingClient:
 
 async def _value(result: Any) -> Any:
     return await result if inspect.isawaitable(result) else result
-
-
-def until(happened: Callable[[], bool]) -> None:
-    """Wait, at most half a minute, for an effect in the thread of our server."""
-    give_up = time.monotonic() + 30.0
-    while not happened():
-        assert time.monotonic() < give_up
-        time.sleep(0.01)
 
 
 def with_both(url: str, seen: Seen, talk: Callable[[RecordingClient], Awaitable[None]]) -> None:

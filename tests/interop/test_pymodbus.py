@@ -28,8 +28,9 @@ from pymodbus.simulator import DataType, SimData, SimDevice
 from barewire import ModbusClient
 from barewire.modbus import Diagnostics, RecordPlace
 from barewire.modbus.messages.diagnostics import Unanswered
+from tests.helpers import until
 from tests.interop.exchanges import Answers, exchange_all
-from tests.interop.our_side import LONG, RecordingClient, client_url, our_server, port_of, until, with_both
+from tests.interop.our_side import LONG, RecordingClient, client_url, our_server, port_of, with_both
 from tests.interop.relay import in_its_own_loop, relayed
 from tests.interop.services import CARRIERS, EVERY, proves, without
 

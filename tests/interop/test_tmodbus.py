@@ -18,8 +18,9 @@ from typing import Any
 import pytest
 
 from barewire.modbus.server.authorization import role_of
+from tests.helpers import until
 from tests.interop.exchanges import exchange_all
-from tests.interop.our_side import LONG, RecordingClient, client_url, our_server, port_of, until, with_both
+from tests.interop.our_side import LONG, RecordingClient, client_url, our_server, port_of, with_both
 from tests.interop.relay import in_its_own_loop, relayed, serial_at, serial_server
 from tests.interop.services import CARRIERS, EVERY, TCP_LIKE, proves, without
 from tests.interop.tmodbus_unit import ANSWERS, their_unit

@@ -38,8 +38,11 @@ def run_program(arguments: list[str] | None = None) -> int:
     parser.add_argument("--schema", action="store_true", help="print the JSON schema of configurations, and end")
     parser.add_argument("--verbose", action="store_true", help="log connections and time-outs too")
     given = parser.parse_args(arguments)
-    if given.example or given.schema:
-        print(example() if given.example else json.dumps(config_schema(), indent=2), end="" if given.example else "\n")
+    if given.example:
+        print(example(), end="")
+        return 0
+    if given.schema:
+        print(json.dumps(config_schema(), indent=2))
         return 0
     if given.config is None:
         parser.error("expected CONFIG; --example prints one")
@@ -52,14 +55,7 @@ def run_program(arguments: list[str] | None = None) -> int:
         print(f"{given.config}: {getattr(error, 'strerror', None) or error}", file=sys.stderr)
         return 2
     if given.check:
-        machines = config.publish.machines if config.publish is not None else ()
-        counts = ((len(config.listeners), "listener"), (len(config.backends), "backend"), (len(machines), "machine"))
-        parts = [f"{number} {name}{'' if number == 1 else 's'}" for number, name in counts if number]
-        print(f"{given.config}: {', '.join(parts)}: nothing wrong")
-        for backend in config.backends:
-            if units := ", ".join(map(str, backend.without_registers)):
-                text = "no registers without [backend.unit.N] device or eds: only function 2B/0D reaches it"
-                print(f"{given.config}: backend {backend.name!r}, unit {units}: {text}")
+        _print_summary(given.config, config)
         return 0
     if given.status:
         return _print_status(config)
@@ -73,6 +69,17 @@ def run_program(arguments: list[str] | None = None) -> int:
         print(error, file=sys.stderr)
         return 1
     return 0
+
+
+def _print_summary(path: Path, config: GatewayConfig) -> None:
+    machines = config.publish.machines if config.publish is not None else ()
+    counts = ((len(config.listeners), "listener"), (len(config.backends), "backend"), (len(machines), "machine"))
+    parts = [f"{number} {name}{'' if number == 1 else 's'}" for number, name in counts if number]
+    print(f"{path}: {', '.join(parts)}: nothing wrong")
+    for backend in config.backends:
+        if units := ", ".join(map(str, backend.without_registers)):
+            text = "no registers without [backend.unit.N] device or eds: only function 2B/0D reaches it"
+            print(f"{path}: backend {backend.name!r}, unit {units}: {text}")
 
 
 def _read(path: Path) -> GatewayConfig:

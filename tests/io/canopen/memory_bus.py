@@ -25,6 +25,11 @@ from barewire.io.canopen.bus.shared_bus import CanBus
 IDENTITY = LssAddress(0x360, 0xDEADBEEF, 0x10002, 0xFFFFFFFF)
 
 
+def numbered(count: int) -> list[CanFrame]:
+    """Frames that differ, to see whether all of them come, and in order."""
+    return [CanFrame(0x185, number.to_bytes(4, "little")) for number in range(count)]
+
+
 class MemoryPort:
     """A port that receives the items of the test. Sent frames go only to the other subscribers of the same bus."""
 

@@ -15,6 +15,7 @@ from barewire.conversation import Conversation, Listen, Send
 from barewire.errors import PortError
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import BusDown, BusItem, BusUp, FramesLost, Subscriber
+from tests.io.canopen.memory_bus import numbered
 
 VALUE = CanFrame.parse("585#4300100092010200")
 ANSWER = {CanFrame.parse("605#4000100000000000"): [VALUE]}
@@ -74,10 +75,6 @@ def client_on(port: KeepingPort) -> Iterator[CanopenClient]:
 
 def readers() -> list[str]:
     return [thread.name for thread in threading.enumerate() if thread.name == "reader of test/keeping"]
-
-
-def numbered(count: int) -> list[CanFrame]:
-    return [CanFrame(0x185, bytes([number])) for number in range(count)]
 
 
 def test_a_client_alone_reads_the_bus_itself() -> None:

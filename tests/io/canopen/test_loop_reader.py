@@ -21,6 +21,7 @@ from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import BusDown, BusUp, FramesLost, Subscriber
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.socketcan import SocketCanPort
+from tests.io.canopen.memory_bus import numbered
 
 PLACE = "socketcan/loop"
 VALUE = bytes.fromhex("92010200")
@@ -66,10 +67,6 @@ def wire() -> Iterator[Wire]:
 
 def reader_threads() -> list[threading.Thread]:
     return [thread for thread in threading.enumerate() if thread.name == f"reader of {PLACE}"]
-
-
-def numbered(count: int) -> list[CanFrame]:
-    return [CanFrame(0x185, bytes([number])) for number in range(count)]
 
 
 def descriptors() -> int:

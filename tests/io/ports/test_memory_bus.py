@@ -16,6 +16,7 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.interfaces import can_endpoint, can_port
 from barewire.io.ports.can.memory import MemoryPort, _buses
 from tests.helpers import PATIENCE
+from tests.io.canopen.memory_bus import numbered
 
 
 def ports(name: str, count: int) -> list[MemoryPort]:
@@ -25,10 +26,6 @@ def ports(name: str, count: int) -> list[MemoryPort]:
 def close(*opened: MemoryPort) -> None:
     for port in opened:
         port.close()
-
-
-def numbered(count: int) -> list[CanFrame]:
-    return [CanFrame(0x185, number.to_bytes(4, "little")) for number in range(count)]
 
 
 def test_a_frame_reaches_all_other_ports_of_this_name() -> None:

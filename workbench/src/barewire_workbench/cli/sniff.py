@@ -7,6 +7,7 @@ from collections.abc import Callable, Iterable
 from contextlib import suppress
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -40,7 +41,7 @@ from barewire_workbench.live.listen import listen
 from barewire_workbench.monitor import event_as_dict, event_kind, event_line, is_repeated
 from barewire_workbench.monitor.events import EVENT_KINDS, MonitorEvent
 from barewire_workbench.monitor.recording import BusMonitors
-from barewire_workbench.pictures.picture import rendered
+from barewire_workbench.pictures.picture import Picture, rendered
 from barewire_workbench.pictures.recordings import RecordingOptions, recording_picture
 from barewire_workbench.recordings.modbus_replay import SerialProtocol, replay_parts
 from barewire_workbench.recordings.modbus_writer import ModbusRecordingWriter
@@ -143,23 +144,10 @@ def sniff_command(
     names = None if traffic.is_can else known_units(devices, units)
     window = WINDOW if window is None else window
     if is_drawn:
-        options = RecordingOptions(bus, window, traffic.ports, protocol)
-        number = next(iter(nodes if traffic.is_can else units), None)
         device = load(devices[0]) if devices and not traffic.is_can else None
-        title = "standard input" if source == "-" else Path(source).name
-        try:
-            drawing = recording_picture(
-                title,
-                traffic.recording.whole(),
-                picture,
-                options,
-                known=known,
-                device=device,
-                number=number,
-                names=names,
-            )
-        except DecodeError as error:
-            raise traffic.not_a_recording(error) from None
+        number = next(iter(nodes if traffic.is_can else units), None)
+        options = RecordingOptions(bus, window, traffic.ports, protocol)
+        drawing = _drawing(traffic, picture, options, known=known, device=device, number=number, names=names)
         print(rendered(form, drawing), end="")
         return 0
     output, status = Output(form), 0
@@ -180,6 +168,15 @@ def sniff_command(
         _sniff_modbus(traffic, seconds, window, write, names, output)
     traffic.note_cut_lines()
     return status
+
+
+def _drawing(traffic: Source, picture: str | None, options: RecordingOptions, **shown: Any) -> Picture:
+    """Return the picture of a recording; `shown` are the nodes, device and names of `recording_picture`."""
+    title = "standard input" if traffic.name == "-" else Path(traffic.name).name
+    try:
+        return recording_picture(title, traffic.recording.whole(), picture, options, **shown)
+    except DecodeError as error:
+        raise traffic.not_a_recording(error) from None
 
 
 # Modbus
