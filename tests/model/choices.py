@@ -48,8 +48,11 @@ class Choices:
 Scenario: TypeAlias = Callable[[Choices], object]
 
 
-def run_all(scenario: Scenario) -> int:
-    """Run the scenario once for each sequence of choices. Returns the number of runs."""
+def run_all(scenario: Scenario, until: Callable[[], object] = bool) -> int:
+    """Run the scenario once for each sequence of choices. Returns the number of runs.
+
+    `until` ends the search: the runs behind one in which a planted mistake has shown say nothing new.
+    """
     script: tuple[int, ...] = ()
     runs = 0
     while True:
@@ -59,14 +62,16 @@ def run_all(scenario: Scenario) -> int:
         taken = choices.taken
         while taken and taken[-1][0] + 1 == taken[-1][1]:
             taken.pop()
-        if not taken:
+        if not taken or until():
             return runs
         script = (*(place for place, _ in taken[:-1]), taken[-1][0] + 1)
 
 
-def run_random(scenario: Scenario, runs: int, *, seed: int = 1) -> int:
-    """Run the scenario `runs` times with random choices. Returns the number of runs."""
+def run_random(scenario: Scenario, runs: int, *, seed: int = 1, until: Callable[[], object] = bool) -> int:
+    """Run the scenario `runs` times with random choices, or until `until` ends it. Returns the number of runs."""
     dice = random.Random(seed)
-    for _ in range(runs):
+    for run in range(1, runs + 1):
         scenario(Choices(dice=dice))
+        if until():
+            return run
     return runs

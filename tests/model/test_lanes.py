@@ -44,7 +44,7 @@ def test_the_checker_finds_lanes_that_share_one_transaction_number() -> None:
             return 7
 
     tally = LanesTally()
-    run_all(lanes_scenario(LanesSetup(questions=2, fan_out=Careless), tally))
+    run_all(lanes_scenario(LanesSetup(questions=2, fan_out=Careless), tally), until=lambda: tally.wrong)
     assert tally.wrong
 
 
@@ -57,5 +57,5 @@ def test_the_checker_finds_a_number_that_is_used_again_while_its_question_is_ope
 
     tally = LanesTally()
     setup = LanesSetup(questions=3, fates=(Fate.PROMPT, Fate.SLOW), may_cancel=False, may_wrap=True, fan_out=Forgetful)
-    run_all(lanes_scenario(setup, tally))
+    run_all(lanes_scenario(setup, tally), until=lambda: tally.wrong)
     assert tally.wrong

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import random
 from collections.abc import Iterable
-from contextlib import suppress
 from dataclasses import replace
 from typing import Any
 
@@ -79,13 +78,14 @@ def test_the_checker_finds_a_bus_that_takes_any_exception_to_a_probe_for_proof()
             return super()._response_in(events, unit, request, now, passed_over)
 
     tally = Tally()
-    run_all(scenario(Setup(length=3, bus=Credulous, probing=("declines",), recovery=("probe",)), tally))
+    setup = Setup(length=3, bus=Credulous, probing=("declines",), recovery=("probe",))
+    run_all(scenario(setup, tally), until=lambda: tally.wrong)
     assert tally.wrong
 
 
 def test_the_checker_finds_a_bus_that_remembers_nothing() -> None:
     tally = Tally()
-    run_all(scenario(Setup(length=2, bus=Forgetful), tally))
+    run_all(scenario(Setup(length=2, bus=Forgetful), tally), until=lambda: tally.wrong)
     assert tally.wrong
 
 
@@ -100,15 +100,8 @@ class Forgetful(Bus):
 def wrong_of(name: str, framing: Framing = "rtu", bus: type[Bus] = Bus) -> list[str]:
     """Return the first wrong answers in a setup of `SERIAL` with a planted mistake."""
     tally = Tally()
-    play = scenario(replace(for_framing(SERIAL[name], framing), bus=bus), tally)
-
-    def stop_if_wrong(choices: Choices) -> None:
-        play(choices)
-        if tally.wrong:
-            raise StopIteration
-
-    with suppress(StopIteration):
-        run_all(stop_if_wrong)
+    setup = replace(for_framing(SERIAL[name], framing), bus=bus)
+    run_all(scenario(setup, tally), until=lambda: tally.wrong)
     return tally.wrong
 
 
@@ -175,7 +168,7 @@ def test_the_checker_finds_a_bus_that_waits_for_silence_without_a_bound() -> Non
 )
 def test_beyond_its_assumptions_the_bus_can_be_wrong(setup: Setup) -> None:
     tally = Tally()
-    run_all(scenario(setup, tally))
+    run_all(scenario(setup, tally), until=lambda: tally.wrong)
     assert tally.wrong
 
 

@@ -12,6 +12,7 @@ from __future__ import annotations
 
 import re
 from collections.abc import Iterable, Iterator, Mapping, Sequence
+from functools import lru_cache
 
 from barewire.canopen.eds.objects import EdsObject
 from barewire.canopen.frame import CanFrame
@@ -173,8 +174,12 @@ def _matches(pattern: str, frames: Sequence[str]) -> bool:
     >>> _matches("705#7F{1,3}, 585#43....|585#60....", ["705#7F", "585#600017"])
     True
     """
-    regex = "".join(map(_regex, _split(pattern)))
-    return re.fullmatch(regex, "".join(f"{frame} " for frame in frames)) is not None
+    return _compiled(pattern).fullmatch("".join(f"{frame} " for frame in frames)) is not None
+
+
+@lru_cache(1024)  # a pattern is asked after each frame of its step
+def _compiled(pattern: str) -> re.Pattern[str]:
+    return re.compile("".join(map(_regex, _split(pattern))))
 
 
 def _split(pattern: str) -> Iterator[str]:
