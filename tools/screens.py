@@ -74,6 +74,8 @@ def _svg(app: SniffScreen | MachineScreen, keys: Sequence[str], first: Callable[
             app.look()
             await pilot.press(*keys)
             await pilot.pause()
+            app.look()  # what the keys have changed
+            await pilot.pause()
             svg: str = app.export_screenshot()
             return svg
 

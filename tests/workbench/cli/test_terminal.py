@@ -34,7 +34,7 @@ from barewire_workbench.cli.terminal.heard import Filter, HeardRows, KeepingMoni
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.monitor import is_repeated
 from barewire_workbench.wire import longest_can_frame
-from tests.helpers import unhex
+from tests.helpers import unhex, until
 from tests.workbench.cli.helpers import ENVIRONMENT, error_of, output_of, run_here
 from tests.workbench.cli.test_panel import SETTING, Machine, VirtualClock
 from tools.screens import text_of
@@ -682,7 +682,7 @@ def test_a_recording_that_is_not_read_to_its_end_is_no_error_and_leaves_no_threa
         read = partial(hear_modbus, traffic=traffic, seconds=None, window=1.0, names=None, file=None)
         assert sniffing.watch_traffic(heard, traffic, read) == 0
     assert 0 < heard.total < 100_000
-    assert threading.active_count() == before
+    until(lambda: threading.active_count() == before)
 
 
 def test_a_port_that_cannot_be_opened_is_an_error_before_there_is_a_screen(monkeypatch: pytest.MonkeyPatch) -> None:

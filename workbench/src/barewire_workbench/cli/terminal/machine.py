@@ -159,7 +159,7 @@ d             the diagnosis of the last frames, or the explanation again
         state.append(f"  {text}", WRONG if wrong else "bold")
         for verdict, _ in self._found["verdicts"][:1]:
             state.append(f"  {verdict}", WRONG)
-        state.append(f"  {self.line.polls} polls  ")
+        state.append(f"  {self.line.polls} poll{'s' * (self.line.polls != 1)}  ")
         state.append(f"{self._device['device']} at {self.line.endpoint}", FAINT)
         self._state.show(state)
         names = Text()
