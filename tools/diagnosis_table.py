@@ -236,6 +236,8 @@ judged all, so the two are not independent. Two records were corrected by the by
 stephane/libmodbus#587 does not fit, which changes no judgement; and emelianov/modbus-esp8266#328 is right and not
 undecided, as the 7 bytes of the answer are those of the request with every level inverted.
 """
+_NOW = """The diagnosis was changed later with these threads in view. Of the {kept} whose lines are kept, without the
+words around them, it has now: {counts}. Who changed it judged that, so this says nothing about threads not seen."""
 _REST = """Those missed and wrong, with the judgement by the first rule in brackets where it is another. *today* is what
 is said of the lines with bytes or an error, which are kept; the words around them are not."""
 
@@ -250,6 +252,8 @@ def _unseen() -> list[str]:
     ]
     lines = [_UNSEEN]
     lines += [f"- {len(part)} {what}: {_counts([case['judgement'] for case in part])}." for what, part in parts]
+    now = [case["now"] for case in cases if "now" in case]
+    lines += ["", _NOW.format(kept=len(now), counts=_counts(now))]
     twice = [case for case in cases if "twice" in case]
     differ = sum(first != second for first, second in (case["twice"] for case in twice))
     first_rule = _counts([case["twice"][0] if "twice" in case else case["judgement"] for case in cases])

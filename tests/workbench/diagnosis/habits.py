@@ -367,7 +367,7 @@ TCP: dict[str, Habit] = {
         played(answer(lambda _, __, data: b"\x12\x34" + data[2:]), "tcp"),
     ),
     "the transaction before": Habit(
-        frozenset({"wrong-answer"}),
+        frozenset({"wrong-answer", "late-answer", *SILENT}),
         played(answer(lambda _, __, data: (int.from_bytes(data[:2], "big") - 1).to_bytes(2, "big") + data[2:]), "tcp"),
     ),
     "the header alone": Habit(

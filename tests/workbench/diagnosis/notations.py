@@ -171,6 +171,8 @@ NOTATIONS: dict[str, Writer] = {
     "tx=rx=": lines("tx={}", "rx={}", lambda d: _hex(d, ""), timed="t={seconds} "),
     "Req/Resp": lines("Req: {}", "Resp: {}", lambda d: _hex(d).upper(), timed=""),
     "send/rec": lines("send: {}", "rec: {}", lambda d: _hex(d).upper(), timed=""),
+    "Anfrage/Antwort": lines("Anfrage: {}", "Antwort: {}", lambda d: _hex(d).upper(), timed=""),
+    "发送/接收": lines("发送: {}", "接收: {}", lambda d: _hex(d).upper()),
     "Query/Answer": lines("Query: {}", "Answer: {}", lambda d: _hex(d).upper(), timed=""),
     "Master/Slave": lines("Master: {}", "Slave: {}", lambda d: _hex(d).upper(), timed=""),
     "Request sent/Response received": lines("Request sent: {}", "Response received: {}", _hex),

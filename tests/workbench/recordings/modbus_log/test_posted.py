@@ -32,6 +32,8 @@ _SENTENCES = (
     "Since version 3.1.2 of 2024-05-01 I ask the meter with {asked} at 9600 8N1\nand what comes is {answered}, why?",
     "The request ({asked}) is fine.\n\nBut the response is:\n\n{answered}\n",
     "master says:{asked}, slave says:{answered}; my adapter is 02:42:ac:11:00:02 at 192.168.1.12",
+    "设备的请求是{asked}时，\n响应报文{answered}，但查询结果是正常的",
+    "Die Anfrage {asked} ist gut, die Antwort {answered} nicht",
     "<p>10:31:18 [main] wrote {asked}</p>\n<p>10:31:19 [main] read {answered} in 12 ms</p>",
 )
 

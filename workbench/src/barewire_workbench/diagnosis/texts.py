@@ -173,7 +173,7 @@ _STATED: tuple[tuple[str, str], ...] = (
         _OTHER_UNIT,
     ),
     (
-        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|time[ds]?[-_ ]?out|\b0xE2\b|"
+        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|time[ds]?[-_ ]?out|\b(?:0x)?E[24]\b|"
         r"(?:not|n't) (?:receive|respond|answer|get(?! (?:\w+ ){1,3}work))|no communication|offline|waiting for",
         _SILENT,
     ),

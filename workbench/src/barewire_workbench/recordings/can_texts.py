@@ -200,7 +200,8 @@ _TRC_COLUMNS = re.compile(r";\s*\$COLUMNS=([A-Za-z,]{1,40})\s*$")
 _TRC_VERSION = re.compile(r";\s*\$FILEVERSION=[12]\.\d\s*$")
 _TRC_OLD = re.compile(
     r"\s*\d{1,9}\)\s+(?P<at>\d{1,12}(?:\.\d{1,6})?)\s+(?:(?P<bus>\d{1,2})\s+)?(?:(?P<direction>Rx|Tx|Warng|Error)\s+)?"
-    r"(?P<id>[0-9A-Fa-f]{4}|[0-9A-Fa-f]{8})\s+(?:-\s+)?(?P<length>\d{1,2})(?P<rest>(?:\s.*)?)$"
+    r"(?P<id>[0-9A-Fa-f]{4}|[0-9A-Fa-f]{8})\s+(?:-\s+)?(?P<length>\d{1,2})(?P<rest>(?:\s.*)?)$",
+    re.ASCII,
 )
 _TRC_FD_TYPES = frozenset({"FD", "FB", "FE", "BI"})
 _TRC_OTHER_TYPES = frozenset({"ST", "EC", "EV"})
@@ -388,7 +389,8 @@ _NOTES_MAX = 500
 """Lines of a text in which a frame is looked for."""
 _PAIRS = r"(?P<data>(?:[0-9A-Fa-f]{2}\b[ \t]{0,3}){0,8})"
 _HASHED = re.compile(
-    r"(?<![\w/.#-])(?P<id>[0-7][0-9A-Fa-f]{2}|[0-3][0-9A-Fa-f]{7})#(?P<data>(?:[0-9A-Fa-f]{2}\.?){1,8}|(?=\s*$))(?![\w#])"
+    r"(?<![\w/.#-])(?P<id>[0-7][0-9A-Fa-f]{2}|[0-3][0-9A-Fa-f]{7})#(?P<data>(?:[0-9A-Fa-f]{2}\.?){1,8}|(?=\s*$))(?![\w#])",
+    re.ASCII,
 )
 _COLUMNS = re.compile(
     r"(?<![\w.:/-])(?:0[xX])?(?P<id>[0-9A-Fa-f]{3,4}|[0-9A-Fa-f]{8})[hH]?:?[\s|]+(?:[RT]x\s+)?(?:S?D\s+)?"

@@ -182,9 +182,10 @@ def _frames(data: bytes) -> list[bytes]:
 
 _WORD = re.compile(
     r"(?:(?<![A-Za-z])|(?-i:(?<=[a-z])(?=[A-Z])))(?:"
-    r"(?P<asked>requests?|req|query)|(?P<answered>responses?|resp|reply|answers?)"
-    r"|(?P<sent>IRP_MJ_WRITE|sends?|sent|sending|txd?|transmit|transmitted|transmitting|wrote)"
-    r"|(?P<received>IRP_MJ_READ|rec|recv|recd|rcv|rcvd|receives?|received|receiving|rxd?|got)"
+    r"(?P<asked>requests?|req|query|anfrage|requête|solicitud|richiesta|запрос|请求|請求)"
+    r"|(?P<answered>responses?|resp|reply|answers?|antwort|réponse|respuesta|risposta|ответ|响应|應答|应答|回复)"
+    r"|(?P<sent>IRP_MJ_WRITE|sends?|sent|sending|txd?|transmit|transmitted|transmitting|wrote|gesendet|отправлено|发送)"
+    r"|(?P<received>IRP_MJ_READ|empfangen|получено|接收|收到|rec|recv|recd|rcv|rcvd|receives?|received|receiving|rxd?|got)"
     r"|(?P<asker>master|client)|(?P<answerer>slave|server)"
     r"|(?P<out>write|writes|writing|out|output)|(?P<into>read|reads|reading|in|input)"
     r")(?![A-Za-z])",
@@ -207,7 +208,7 @@ _SINGLE = re.compile(r"(?:(?<![\w.])(?:0x|\\x)|[:=<>\]\[-]\s{0,9})([0-9A-Fa-f]{2
 """One byte alone: a part of a frame, as slow adapters deliver it. Without a mark it would be a number of bytes."""
 _FEW = re.compile(
     r"""[\s\[<({'"]*(?P<digits>(?:(?:0[xX]|\\x)?[0-9A-Fa-f]{1,6}[\s,;:.|\-\]\[<>'"]{0,4}){1,3})"""
-    r"""[\])}>]*(?: at \d+|\|.*\|)?"""
+    r"""[\])}>]*(?: ?\(\d+\))?(?: at \d+|\|.*\|)?"""
 )
 _DIGITS = re.compile(r"[0-9A-Fa-f]+")
 _OPENINGS_MAX, _MARKS_WORD = 100, frozenset(":=>])}")

@@ -24,12 +24,15 @@ from barewire_workbench.recordings.modbus_log.marked import direction_of, frame_
 from barewire_workbench.recordings.modbus_log.model import LogEntry
 from barewire_workbench.sniffer import shapes
 
-_TOKEN = re.compile(r"(?:(?P<mark>(?<!\w)0[xX]|\\x)|(?<![\w.\\]))(?P<digits>[0-9A-Fa-f]{1,520})(?P<h>[hH]?)(?!\w|\.\d)")
+_TOKEN = re.compile(
+    r"(?:(?P<mark>(?<!\w)0[xX]|\\x)|(?<![\w.\\]))(?P<digits>[0-9A-Fa-f]{1,520})(?P<h>[hH]?)(?!\w|\.\d)", re.ASCII
+)
+"""A word of another script ends where the digits begin."""
 _GAP = re.compile(r"[\s,;:|\[\](){}<>'\"/+-]{0,6}")
 """What may stand between two bytes."""
 _MARKUP = re.compile(r"</?(?:b|i|code|pre|strong|em|p|br|tt)\s*/?>|\*\*|`")
 """What sets bytes off in a text of Markdown or HTML."""
-_WORD = re.compile(r"(?i)[g-z][a-z]{2,}|[a-z]{2,}[g-z]")
+_WORD = re.compile(r"(?i)[g-z][a-z]{2,}|[a-z]{2,}[g-z]|[^\x00-\x7F]{2}")
 _LEAST = 5
 """So many bytes in one notation are no date, time or address of a host."""
 _MAC = 6
