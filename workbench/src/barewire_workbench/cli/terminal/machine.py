@@ -32,6 +32,7 @@ from barewire_workbench.cli.terminal.screen import (
     columns,
     run_screen,
 )
+from barewire_workbench.frames.result import counted
 
 _TICK = 0.2
 """Seconds from one look at what was polled to the next."""
@@ -159,7 +160,7 @@ d             the diagnosis of the last frames, or the explanation again
         state.append(f"  {text}", WRONG if wrong else "bold")
         for verdict, _ in self._found["verdicts"][:1]:
             state.append(f"  {verdict}", WRONG)
-        state.append(f"  {self.line.polls} poll{'s' * (self.line.polls != 1)}  ")
+        state.append(f"  {counted(self.line.polls, 'poll')}  ")
         state.append(f"{self._device['device']} at {self.line.endpoint}", FAINT)
         self._state.show(state)
         names = Text()
