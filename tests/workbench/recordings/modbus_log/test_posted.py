@@ -58,6 +58,11 @@ def test_noise_beside_a_frame_in_the_same_notation_belongs_to_it() -> None:
     assert [posted.entry.data for posted in found] == [bytes.fromhex("FF 01 83 02 C0 F1 00")]
 
 
+def test_bytes_that_are_no_frame_are_read_beside_words_and_brackets() -> None:
+    text = "I see:\n[01][01][00][00][00][67][7C][26]\nand the server FF 01 01 00 00 00 67 7C 26, why?"
+    assert [posted.entry.line for posted in read_posted(text.splitlines())] == [2, 3]
+
+
 def test_a_wrong_crc_of_the_others_is_one_of_bytes_in_one_notation() -> None:
     found = read_posted(["response is 01 03 02 00 17 F8 4B", "and 0A 10 0001 0003 06 0A0B0C EE98"])
     assert [posted.why for posted in found] == ["bytes in one notation", "the last two are the CRC of the others"]
@@ -69,6 +74,8 @@ def test_a_wrong_crc_of_the_others_is_one_of_bytes_in_one_notation() -> None:
         "Version 3.6.1 of 2024-05-01 10:31:18 on 192.168.1.12, adapter 02:42:ac:11:00:02 and ff:fe:00:11:22:33",
         "I read registers 40001, 40002 and 40010 with 3, 4, 5 and 6 of 8N1 at 9600, 19200, 38400 bit/s.",
         "commit 9f86d081884c7d659a2feaa0c55ad015a3bf4f1b in build 4711; values [230, 231, 229] and [0, 1, 2, 3, 4, 5]",
+        "byte mac[] = { 0xDE, 0xAD, 0xBE, 0xEF, 0xFE, 0xED };\nIPAddress ip(192, 168, 1, 177);",
+        "static const uint8_t crc_hi[] = {\n  0x00, 0xC1, 0x81, 0x40, 0x01,\n  0x80, 0x41, 0x01, 0xC0, 0x80\n};",
         "| 1 | 2 | 3 | 4 | 5 |\n| 12 | 13 | 14 |\nbe a bad dad add face fee",
     ],
 )

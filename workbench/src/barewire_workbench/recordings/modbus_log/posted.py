@@ -33,6 +33,9 @@ _GAP = re.compile(r"[\s,;:|\[\](){}<>'\"/+-]{0,6}")
 _MARKUP = re.compile(r"</?(?:b|i|code|pre|strong|em|p|br|tt)\s*/?>|\*\*|`")
 """What sets bytes off in a text of Markdown or HTML."""
 _WORD = re.compile(r"(?i)[g-z][a-z]{2,}|[a-z]{2,}[g-z]|[^\x00-\x7F]{2}")
+_ONE_NOTATION = "bytes in one notation"
+_CODE = re.compile(r"(?:=\s*\[?|\{)\s*~|~\s*(?:,\s*$|[};])")
+"""Where bytes stand in the code of a program: ~ are they."""
 _LEAST = 5
 """So many bytes in one notation are no date, time or address of a host."""
 _MAC = 6
@@ -104,7 +107,7 @@ def read_posted(lines: list[str]) -> list[Posted]:
     [('01 83 02 c0 f1', 'a whole frame, in decimal')]
     """
     found: list[Posted] = []
-    above = ""
+    above, code = "", -1  # the line above, and the last line of code
     if not any(map(_WORD.search, lines)):
         return []  # a log of bytes alone, with an error in it
     for number, line in enumerate(lines, start=1):
@@ -114,6 +117,10 @@ def read_posted(lines: list[str]) -> list[Posted]:
             _, sent, from_client = direction_of(before)
             frame = next((data[begin:end] for begin, end in whole_frames(data)), data)
             pdu = next(filter(None, (frame_pdu(name, frame) for name in ("rtu", "tcp"))), None)
+            is_silent = why == _ONE_NOTATION and sent is from_client is None
+            if is_silent and (code == number - 1 or _CODE.search(f"{line[:start]}~{line[end:]}")):
+                code = number  # a table or an address in a program
+                continue
             request, response = shapes(pdu) if pdu else (False, False)
             from_client = request if request != response else from_client
             found.append(Posted(LogEntry(number, data, sent, from_client), why))
@@ -203,5 +210,5 @@ def _in_one_notation(row: list[_Number]) -> Iterator[tuple[int, int, bytes, str]
         is_address = len(part) == _MAC and part[1].gap in (":", "-")
         is_byte = part[0].kind == ("", 2) or part[0].kind[0]
         if len(part) >= _LEAST and is_byte and not is_address and all(number.data for number in part):
-            yield part[0].start, part[-1].end, b"".join(number.data or b"" for number in part), "bytes in one notation"
+            yield part[0].start, part[-1].end, b"".join(number.data or b"" for number in part), _ONE_NOTATION
         first = place
