@@ -11,7 +11,7 @@ from typing import Any
 
 import pytest
 
-from barewire import CanopenClient
+from barewire import CanopenClient, CanopenServer
 from barewire.canopen import (
     CanFrame,
     Emergency,
@@ -27,6 +27,7 @@ from barewire.canopen.communication_objects import standard_objects
 from barewire.devices import load
 from barewire_workbench.cli.canopen_services import _events
 from barewire_workbench.eds.export import export
+from tests.helpers import free_port
 from tests.workbench.cli.helpers import error_of, output_of, run_here
 
 ADDRESS = LssAddress(0x360, 1, 0x10002, 77)
@@ -101,6 +102,14 @@ def test_nmt_of_a_node_that_is_silent_or_stays(bus: CanopenClient) -> None:
     assert "expected can://" in error_of("canopen", "nmt", "tcp://127.0.0.1", "start", "5", status=2)
 
 
+def test_nmt_of_a_silent_node_on_a_bus_without_remote_frames() -> None:
+    with CanopenServer(f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5", device="az3") as server:
+        place = server.url.partition("?")[0]
+        error = error_of("canopen", "nmt", place, "stop", "9", "--wait", "0.05", "--verify")
+    sent = "stop was sent to node 9, which no node confirms; no heartbeat came within 0.05 s"
+    assert f"{sent}, and it cannot be asked: {place}: socketcand carries no remote frames, so" in error
+
+
 def test_heartbeats_are_listed_with_each_change(bus: CanopenClient) -> None:
     with sent_again_and_again(lambda: bus.send(CanFrame(0x707, b"\x7f"))):
         assert output_of("canopen", "heartbeat", url(bus), "--count", "1") == "node 7: pre-operational\n"
@@ -109,6 +118,10 @@ def test_heartbeats_are_listed_with_each_change(bus: CanopenClient) -> None:
     with sent_again_and_again(lambda: bus.send(CanFrame(0x707, b"\x00"))):
         assert output_of("canopen", "heartbeat", url(bus), "--count", "1") == "node 7: booted\n"
     assert "no heartbeat came" in run_here("canopen", "heartbeat", url(bus), "--for", "0.02").stderr
+    with sent_again_and_again(lambda: bus.send(CanFrame(0x707, b"\x05"))):
+        done = run_here("canopen", "heartbeat", url(bus, 8), "--for", "0.05")
+        assert (done.stdout, "no heartbeat came" in done.stderr) == ("", True)
+        assert output_of("canopen", "heartbeat", url(bus, 7), "--count", "1") == "node 7: operational\n"
 
 
 def test_sync_once_and_again(bus: CanopenClient) -> None:
@@ -224,6 +237,18 @@ def test_pdo_of_a_file_sends_nothing(bus: CanopenClient, tmp_path: Path) -> None
     empty.write_bytes(eds.compose([]).encode())
     assert "has no PDO that is switched on" in error_of("canopen", "pdo", url(bus, 5), str(empty), status=2)
     assert "an EDS has no node-ID" in error_of("canopen", "pdo", url(bus), str(empty), status=2)
+
+
+def test_pdos_of_a_node_that_does_not_tell(bus: CanopenClient) -> None:
+    """It refuses every upload, for a reason that does not say that there is no such object."""
+    with bus.frames((0x605, False)) as requests:
+
+        def refuse() -> None:
+            if isinstance(frame := requests.get(0.05), CanFrame):
+                bus.send(CanFrame(0x585, b"\x80" + frame.data[1:4] + bytes.fromhex("00 00 00 08")))
+
+        with sent_again_and_again(refuse):
+            assert "node 5, 1800h:01: 0800 0000h general error" in error_of("canopen", "pdo", url(bus, 5))
 
 
 def test_ctrl_c_is_how_listening_ends_and_an_interruption_of_a_count() -> None:

@@ -171,6 +171,8 @@ def test_the_file_of_another_model_is_refused_and_says_what_goes_on(drive: str, 
     assert "another model: its Product Code is 148, the file is of 149" in refusal
     assert refusal.endswith("; nothing was written; --no-check goes on\n")
     assert "2 settings written" in output_of("restore", str(file), fresh, "--no-check")
+    refusal = error_of("restore", str(file), fresh, "--no-check", "--device", "az3")
+    assert refusal == "barewire: there is no setting to write in the file: expected names below [settings]\n"
 
 
 def test_a_dcf_out_of_a_node_and_into_it(tmp_path: Path) -> None:

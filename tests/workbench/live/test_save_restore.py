@@ -21,7 +21,7 @@ from barewire_workbench.live.restore_settings import Change, NotAtRest, Restore
 from barewire_workbench.live.save_settings import save_settings
 from barewire_workbench.settings.compare import differences
 from barewire_workbench.settings.rules import SettingRules
-from barewire_workbench.settings.saved import SavedSettings, SavedValue
+from barewire_workbench.settings.saved import BadFile, SavedSettings, SavedValue
 
 CHANGED: dict[str, dict[str, Value]] = {
     "csd-mt": {
@@ -199,7 +199,7 @@ def test_a_value_that_is_no_finite_number_is_refused_also_where_there_is_no_rang
 
 def test_a_file_without_a_setting_is_refused_and_nothing_is_stored() -> None:
     watched = Watched(machine := simulator("csd-mt"))
-    with pytest.raises(EncodeError, match="there is no setting to write"):
+    with pytest.raises(BadFile, match="there is no setting to write"):
         restored("csd-mt", machine, SavedSettings("csd-mt"))
     assert watched.names == []
 

@@ -5,12 +5,12 @@ from __future__ import annotations
 import math
 import time
 from collections.abc import Iterator, Sequence
-from contextlib import contextmanager, suppress
+from contextlib import contextmanager
 from typing import TYPE_CHECKING, Any
 
 import click
 
-from barewire.errors import EncodeError, NoAnswer, Refused, shown
+from barewire.errors import EncodeError, NoAnswer, PortError, Refused, shown
 from barewire_workbench.cli.arguments import Choice, CommandGroup, duration, endpoint_argument, is_eds, load_device
 from barewire_workbench.cli.output import Output, file_content, note, output_option
 
@@ -113,16 +113,21 @@ def nmt_command(endpoint: str, command: str, node: str | None, wait: float, veri
                     reports[state.node] = state
                     if number and state.state == _STATES[command]:
                         break
+        guarded = ""
         if verify and number and not reports:
-            with suppress(NoAnswer):
+            try:
                 reports[number] = client.node(number).nmt.state(timeout=wait)
+            except NoAnswer:
+                guarded = ", and it did not answer"
+            except PortError as error:  # socketcand carries no remote frames
+                guarded = f", and it cannot be asked: {error}"
     for reported in sorted(reports):
         state = reports[reported]
         text = "booted" if state.is_boot_up else state.name
         output.show(f"node {reported}: {text}", {"node": reported, "state": state.state, "text": text})
     if not reports:
-        addressed, guarded = (f"node {number}", ", and it did not answer") if number else ("the nodes", "")
-        told = f"no heartbeat came within {wait:g} s{guarded if verify else ''}"
+        addressed = f"node {number}" if number else "the nodes"
+        told = f"no heartbeat came within {wait:g} s{guarded}"
         note(f"{command} was sent to {addressed}, which no node confirms; {told}, so the state is not known")
         return int(verify)
     return int(any(not _is_reached(command, state) for state in reports.values()))
@@ -139,7 +144,8 @@ def _is_reached(command: str, state: NodeState) -> bool:
 @_count_option
 @output_option
 def heartbeat_command(endpoint: str, seconds: float | None, count: int | None, output: Output) -> None:
-    """Show the nodes that send heartbeats, their states and each change of them, until Ctrl-C. Nothing is sent.
+    """Show the nodes that send heartbeats, their states and each change of them, until Ctrl-C; with ?node= in ENDPOINT
+    that node. Nothing is sent.
 
     \b
     barewire canopen heartbeat can://socketcan/can0 --for 2
@@ -148,11 +154,13 @@ def heartbeat_command(endpoint: str, seconds: float | None, count: int | None, o
     from barewire.canopen import NodeState
 
     is_silent = True
-    with _client(endpoint) as client, client.nmt.heartbeats() as stream:
-        for event in _events(stream, seconds, count):
-            is_silent, state = False, NodeState(event.node, event.state or 0).name
-            text = state if event.kind in ("active", "state") else event.kind
-            output.show(f"node {event.node}: {text}", {"node": event.node, "state": event.state, "text": text})
+    with _client(endpoint) as client:
+        streamed = client.nmt.heartbeats() if client.node_id is None else client.node().nmt.heartbeats()
+        with streamed as stream:
+            for event in _events(stream, seconds, count):
+                is_silent, state = False, NodeState(event.node, event.state or 0).name
+                text = state if event.kind in ("active", "state") else event.kind
+                output.show(f"node {event.node}: {text}", {"node": event.node, "state": event.state, "text": text})
     if is_silent:
         note("no heartbeat came: a node sends none while its heartbeat time (1017h) is 0")
 
@@ -406,6 +414,8 @@ def _emcy_fields(event: EmcyEvent) -> dict[str, object]:
 
 # PDOs
 
+_ABSENT = (0x0602_0000, 0x0609_0011)
+"""Abort codes: the object, or the sub-index, does not exist. Another one does not say whether there is such a PDO."""
 _ALWAYS_TRIED = 4
 """PDOs whose records a device may leave out without being the last: those of the predefined connection set."""
 
@@ -481,17 +491,22 @@ def _pdos_of_node(client: CanopenClient, number: int, names: Any) -> list[Remote
     from barewire.io.canopen.objects import objects_of
 
     node, objects, pdos = client.node(number), objects_of(names), []
+    unknown: Refused | None = None
     directions: Sequence[Any] = ("TPDO", "RPDO")
     for direction in directions:
         for place in range(1, 513):
             try:
                 config = node.pdo.read_config(direction, place)
-            except Refused:
+            except Refused as error:
+                if error.code not in _ABSENT:
+                    unknown = unknown or error
                 if place > _ALWAYS_TRIED:
                     break
                 continue
             if _is_on(config, number):
                 pdos.append(RemotePdo.of(number, config, objects))
+    if not pdos and unknown is not None:
+        raise unknown
     return pdos
 
 

@@ -127,7 +127,7 @@ def restore_command(
                 if dry_run and frames:
                     _show_frames(restore, change, output)
         except (EncodeError, WrongDevice) as error:
-            error.add_context("nothing was written; --no-check goes on")
+            error.add_context("nothing was written" + ("" if no_check else "; --no-check goes on"))
             raise
     for name, why in restore.left_out.items():
         note(f"{name}: left out: {why}")

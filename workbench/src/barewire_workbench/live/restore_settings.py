@@ -45,7 +45,7 @@ from barewire_workbench.live.save_settings import (
 )
 from barewire_workbench.settings.compare import same_setting
 from barewire_workbench.settings.rules import KeptSetting, SettingRules
-from barewire_workbench.settings.saved import SavedSettings, value_of
+from barewire_workbench.settings.saved import BadFile, SavedSettings, value_of
 
 _APPLICATION = 0x2000
 """The index behind the communication objects."""
@@ -138,13 +138,13 @@ class Restore:
     def run(self, *, dry_run: bool = False) -> Iterator[Change]:
         """Write what differs, and yield it; with `dry_run` yield it only.
 
-        Raises, before anything is written, EncodeError for a file with other names, units or ranges, NotAtRest,
-        WrongDevice for another machine or model, NoAnswer, PortError.
+        Raises, before anything is written, BadFile for one without settings, EncodeError for a file with other names,
+        units or ranges, NotAtRest, WrongDevice for another machine or model, NoAnswer, PortError.
         """
         rules = SettingRules.of(self.machine.device)
         self._match(rules)
         if not self._wanted:
-            raise EncodeError("there is no setting to write in the file: expected names below [settings]")
+            raise BadFile("there is no setting to write in the file: expected names below [settings]")
         if self.check:
             self._check_machine(rules)
             if not dry_run:
