@@ -15,7 +15,7 @@ import re
 import sys
 from collections import Counter
 from collections.abc import Callable, Mapping
-from functools import partial
+from functools import cache, partial
 from pathlib import Path
 from typing import Any
 
@@ -195,6 +195,13 @@ def profiles() -> str:
     return "\n".join(rows)
 
 
+@cache
+def _counted() -> list[tuple[str, str, int]]:
+    """The name of each file, its kind, and the number of its cases."""
+    documents = [(file, json.loads(file.read_text(encoding="utf-8"))) for file in files()]
+    return [(file.relative_to(CASES).as_posix(), read["kind"], len(read["cases"])) for file, read in documents]
+
+
 def asked(kind: str) -> str:
     """Return for a page of a kind: what each operation is given and gives, and the files with such cases."""
     operations = json.loads((VECTORS / "kinds.json").read_text(encoding="utf-8"))[kind]
@@ -202,12 +209,7 @@ def asked(kind: str) -> str:
     for do, operation in operations.items():
         given, gives = (", ".join(f"`{name}`" for name in operation[side]) for side in ("given", "gives"))
         rows.append(f"| `{do}` | {given} | {gives} |")
-    listed = []
-    for file in files():
-        document = json.loads(file.read_text(encoding="utf-8"))
-        if document["kind"] == kind:
-            name = file.relative_to(CASES).as_posix()
-            listed.append(f"[{name}](../cases/{name}) ({len(document['cases'])})")
+    listed = [f"[{name}](../cases/{name}) ({count})" for name, of_kind, count in _counted() if of_kind == kind]
     return "\n".join([*rows, "", *_pack([f"{text}," for text in listed], "")]).removesuffix(",")
 
 

@@ -188,22 +188,19 @@ def content() -> Content:
     return dict(sorted(found.items()))
 
 
-def archive() -> bytes:
+def archive(files: Content) -> bytes:
     """Return the archive for everybody: a zip file with one folder."""
-    files = content()
-    files["SHA256SUMS"] = "".join(
-        f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in files.items()
-    ).encode()
+    sums = "".join(f"{hashlib.sha256(data).hexdigest()}  {name}\n" for name, data in files.items())
     made = io.BytesIO()
     with zipfile.ZipFile(made, "w", zipfile.ZIP_DEFLATED, compresslevel=9) as target:
-        for name, data in files.items():
+        for name, data in {**files, "SHA256SUMS": sums.encode()}.items():
             row = zipfile.ZipInfo(f"{NAME}-{version()}/{name}", (1980, 1, 1, 0, 0, 0))
             row.compress_type, row.external_attr = zipfile.ZIP_DEFLATED, 0o644 << 16
             target.writestr(row, data)
     return made.getvalue()
 
 
-def package() -> Content:
+def package(files: Content) -> Content:
     """Return the files of the npm package."""
     ours = {file.name: file.read_bytes() for file in sorted((VECTORS / "npm").iterdir())}
     described = {
@@ -217,17 +214,17 @@ def package() -> Content:
         "bin": {NAME: "check.js"},
         "engines": {"node": ">=18.3"},
     }
-    return dict(sorted({**content(), **ours, "package.json": _json(described)}.items()))
+    return dict(sorted({**files, **ours, "package.json": _json(described)}.items()))
 
 
-def npm() -> bytes:
+def npm(files: Content) -> bytes:
     """Return the npm package: what `npm pack` would make of these files, with fixed times."""
     made = io.BytesIO()
     with (
         gzip.GzipFile("", "wb", 9, made, mtime=0) as squeezed,
         tarfile.open(fileobj=squeezed, mode="w", format=tarfile.USTAR_FORMAT) as target,
     ):
-        for name, data in package().items():
+        for name, data in package(files).items():
             row = tarfile.TarInfo(f"package/{name}")
             mode = 0o755 if name == "check.js" else 0o644
             row.size, row.mode, row.mtime = len(data), mode, 499162500  # the time that npm writes, too
@@ -286,7 +283,8 @@ def main() -> int:
         sys.stdout.write(f"vectors/released.json: version {new} with {len(now)} cases is released\n")
         return 0
     options.to.mkdir(parents=True, exist_ok=True)
-    for name, data in {f"{NAME}-{new}.zip": archive(), f"{NAME}-{new}.tgz": npm()}.items():
+    files = content()
+    for name, data in {f"{NAME}-{new}.zip": archive(files), f"{NAME}-{new}.tgz": npm(files)}.items():
         (options.to / name).write_bytes(data)
         sys.stdout.write(f"{options.to / name}  {len(data)} bytes\n")
     return 0

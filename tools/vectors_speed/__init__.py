@@ -23,7 +23,7 @@ from barewire_workbench.live import vector_adapter
 from barewire_workbench.vectors.answers.table import ANSWERS, own_answer
 from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.run import CheckSummary, run_cases
-from tools.vectors_release import npm
+from tools.vectors_release import content, npm
 
 SOURCE = Path(__file__).parent / "replay.c"
 VECTORS = load_vectors()
@@ -66,7 +66,7 @@ def main() -> int:
         program, answers = Path(folder) / "replay", Path(folder) / "answers.txt"
         subprocess.run(["cc", "-O2", "-o", str(program), str(SOURCE)], check=True)
         write_answers(answers)
-        with tarfile.open(fileobj=io.BytesIO(npm())) as package:
+        with tarfile.open(fileobj=io.BytesIO(npm(content()))) as package:
             package.extractall(folder, filter="data")
         adapter = shlex.join([str(program), str(answers)])
         check = str(Path(folder) / "package" / "check.js")

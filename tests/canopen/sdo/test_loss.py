@@ -228,7 +228,7 @@ def test_the_lost_end_of_a_block_upload_delays_nothing() -> None:
     assert transfer(kind, length, OneFault(last, "lost")) == "right"
 
 
-@pytest.mark.parametrize("change", some_of([0x01, 0x80, 0xFF], 2))
+@pytest.mark.parametrize("change", some_of([0x80, 0x01, 0xFF], 1))
 @every_case(("kind", "length"), CASES)
 def test_any_byte_of_any_frame_corrupted(kind: Kind, length: int, change: int) -> None:
     """A CRC prevents wrong bytes. Requests, responses and transfers without blocks have none, so their bytes may be

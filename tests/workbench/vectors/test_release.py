@@ -176,7 +176,8 @@ def test_the_meaning_is_in_every_field_that_an_answer_needs() -> None:
 @pytest.fixture(scope="module")
 def built() -> tuple[bytes, bytes]:
     """The archive and the package of npm."""
-    return release.archive(), release.npm()
+    files = release.content()
+    return release.archive(files), release.npm(files)
 
 
 @pytest.fixture(scope="module")
