@@ -78,7 +78,8 @@ def every_case(
                     errors.append(error)
                     wrong.append(str(row.id or ", ".join(f"{name}={value!r:.100}" for name, value in given.items())))
                     wrong += [
-                        f"    {line}" for line in (*str(error).splitlines()[:1], *getattr(error, "__notes__", ()))
+                        f"    {line}"
+                        for line in (*str(error).strip().splitlines()[:1], *getattr(error, "__notes__", ()))
                     ]
             if errors:
                 errors[0].add_note("\n".join([f"{len(errors)} of {len(rows)} cases are wrong:", *wrong]))

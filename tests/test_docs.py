@@ -33,6 +33,7 @@ from typing import Any, NamedTuple
 
 import pytest
 
+from tests.helpers import every_case
 from tests.workbench.cli.helpers import run_here
 from tools import rooms
 
@@ -55,7 +56,7 @@ def named(file: Path) -> str:
 # Docstrings ------------------------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("name", MODULES)
+@every_case("name", MODULES)
 def test_docstring_examples_run(name: str) -> None:
     module = importlib.import_module(name)
     runner = doctest.DocTestRunner(optionflags=doctest.ELLIPSIS)
@@ -193,7 +194,7 @@ def test_examples_of_a_page_run(file: Path, tmp_path: Path, monkeypatch: pytest.
     assert not wrong, "\n" + wrong
 
 
-@pytest.mark.parametrize("file", PAGES, ids=named)
+@every_case("file", PAGES)
 def test_links_of_a_page_lead_to_files(file: Path) -> None:
     """Each link to a file of this repository has an existing target."""
     gone = []
