@@ -139,7 +139,7 @@ def test_a_full_disk_is_reported_with_the_file_which_keeps_what_was_written(kind
         "from barewire_workbench.cli import main; main()"
     )
     done = subprocess.run(
-        [sys.executable, "-c", limit, "sniff", str(log), "--write", str(file)],
+        [sys.executable, "-B", "-c", limit, "sniff", str(log), "--write", str(file)],  # -B: it would cut bytecode
         capture_output=True,
         text=True,
         check=False,
