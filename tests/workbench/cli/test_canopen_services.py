@@ -96,7 +96,8 @@ def test_nmt_of_a_node_that_is_silent_or_stays(bus: CanopenClient) -> None:
     with sent_again_and_again(lambda: bus.send(CanFrame(0x707, b"\x7f"))):
         done = run_here("canopen", "nmt", url(bus), "start", "7", "--wait", "0.5")
     assert (done.returncode, done.stdout) == (1, "node 7: pre-operational\n")
-    assert "expected the node, such as ?node=5" in error_of("canopen", "nmt", url(bus), "start", status=2)
+    refusal = error_of("canopen", "nmt", url(bus), "start", status=2)
+    assert "expected NODE or all behind the command, or here the node, such as ?node=5" in refusal
     assert "expected a number in 1..127, or all" in error_of("canopen", "nmt", url(bus), "start", "128", status=2)
     assert "did you mean 'start'" in error_of("canopen", "nmt", url(bus), "strat", "5", status=2)
     assert "expected can://" in error_of("canopen", "nmt", "tcp://127.0.0.1", "start", "5", status=2)

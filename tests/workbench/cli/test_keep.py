@@ -194,6 +194,23 @@ def test_a_dcf_out_of_a_node_and_into_it(tmp_path: Path) -> None:
         compared = run_here("diff", str(dcf), str(toml))
         assert compared.returncode == 1
         assert compared.stdout.splitlines()[1].split()[-2:] == ["1500", "2500"]
+    with CanopenServer("can://memory/keep-dcf?node=9", eds=eds.parse(file.read_bytes())):
+        node_9 = "can://memory/keep-dcf?node=9"
+        assert "written" in output_of("restore", str(dcf), node_9, "--no-store")
+        assert output_of("diff", str(dcf), node_9) == ""  # its COB-IDs are those of node 9
+
+
+def test_a_dcf_by_our_own_eds_has_no_measurement_and_no_command(tmp_path: Path) -> None:
+    file, dcf = tmp_path / "az3.eds", tmp_path / "left.dcf"
+    file.write_bytes(export(load("az3")).encode())
+    with CanopenServer("can://memory/keep-moved?node=5", device="az3") as server, connect("az3", server.url) as drive:
+        output_of("save", server.url, str(file), str(dcf))
+        saved = eds.parse(dcf.read_bytes())
+        measured_or_command = ("CUSTOM POSITION ACTUAL VALUE", "COIL WORD 0", "COIL WORD 5", "TARGET VELOCITY")
+        places = [drive.device.find(name).object for name in measured_or_command]
+        assert [saved.get(f"{place.index:04X}", "ParameterValue") for place in places if place] == [None] * 4
+        drive.write("PROFILE VELOCITY", 77)
+        assert "node 5: 1 value written" in output_of("restore", str(dcf), server.url, "--no-store")
 
 
 def test_a_control_word_in_a_dcf_is_left_out_and_a_drive_that_is_enabled_is_refused(tmp_path: Path) -> None:

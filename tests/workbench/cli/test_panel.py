@@ -33,6 +33,7 @@ from barewire_workbench.cli.panels.line import Busy, PanelLine, running
 from barewire_workbench.cli.panels.server import PanelServer
 from barewire_workbench.cli.panels.world import SimulatedWorld
 from barewire_workbench.live.polling import Clock
+from tests.helpers import until
 from tests.workbench.cli.helpers import error_of
 
 STATUS, CURRENT = "Status", "L1 current"
@@ -288,6 +289,14 @@ def test_the_line_is_diagnosed_over_its_last_frames_and_a_fault_that_is_over_lea
         assert "no response to Read Holding Registers, 1 from 0000h [no-answer]" in diagnosis["findings"][-1][1]
         machine.is_silent = False
         assert turns(160) == {"exchanges": 150, "verdicts": [], "findings": []}
+
+
+def test_a_device_that_refuses_to_say_what_it_is_has_no_fault_of_its_line() -> None:
+    with csd_mt() as url, running(PanelLine(load("csd-mt"), url, period=0.05)) as line, line.look_at([SETTING]):
+        until(lambda: line.polls > 3)
+        state = line.changes_since(0, [])
+        assert any("exception 01" in verdict for _, _, _, verdict, _ in state["frames"])
+        assert not state["diagnosis"] or state["diagnosis"]["verdicts"] == []
 
 
 @pytest.mark.proof

@@ -36,9 +36,10 @@ def _client(endpoint: str) -> Iterator[CanopenClient]:
         yield client
 
 
-def _node_of(client: CanopenClient, endpoint: str) -> int:
+def _node_of(client: CanopenClient, endpoint: str, argument: str = "") -> int:
+    """Return the node of an endpoint. `argument` is what a command takes in place of it, for the error."""
     if client.node_id is None:
-        raise EncodeError(f"endpoint {shown(endpoint, 200)}: expected the node, such as ?node=5")
+        raise EncodeError(f"endpoint {shown(endpoint, 200)}: expected {argument}the node, such as ?node=5")
     return client.node_id
 
 
@@ -95,7 +96,7 @@ def nmt_command(endpoint: str, command: str, node: str | None, wait: float, veri
 
     with _client(endpoint) as client:
         if node is None:
-            number = _node_of(client, endpoint)
+            number = _node_of(client, endpoint, "NODE or all behind the command, or here ")
         elif node.isdecimal() and 1 <= int(node[:4]) <= 127:
             number = int(node)
         elif node == "all":

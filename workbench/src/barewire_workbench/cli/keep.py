@@ -233,7 +233,8 @@ def diff_command(
         raise click.UsageError("--csv and --json: give one of them")
     files = {name: Path(name) for name in (a, b) if "://" not in name}
     try:
-        sides = {name: read_dcf(file) if is_dcf(file) else _saved(file) for name, file in files.items()}
+        endpoint = next((endpoint_url(name) for name in (a, b) if name not in files), "")
+        sides = {name: read_dcf(file, endpoint) if is_dcf(file) else _saved(file) for name, file in files.items()}
         named = device or next((side.device for side in sides.values()), None)
         # A DCF may have values for some of the settings only.
         dcf = next((sides[name] for name, file in files.items() if is_dcf(file)), None)

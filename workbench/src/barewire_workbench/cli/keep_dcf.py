@@ -27,9 +27,9 @@ def is_dcf(file: Path) -> bool:
     return file.suffix.lower() == ".dcf"
 
 
-def read_dcf(file: Path) -> SavedSettings:
-    """Return the settings of a DCF."""
-    return settings_of_dcf(load_device(str(file)))
+def read_dcf(file: Path, endpoint: str = "") -> SavedSettings:
+    """Return the settings of a DCF, for the node of an endpoint if there is one, otherwise for that of the file."""
+    return settings_of_dcf(load_device(str(file), endpoint))
 
 
 def as_dcf(saved: SavedSettings, endpoint: str) -> bytes:

@@ -282,7 +282,7 @@ def _scan_can(endpoint: Endpoint, options: dict[str, Any], output: Output) -> in
     if example is not None and example.device is not None:
         output.text(f"next: {_next_line(example.url, example.device)}")
     elif example is not None:
-        output.text(f'next: barewire read "{example.url}" raw object:1000h')
+        output.text(f'next: barewire read "{example.url}" raw object:1000h:u32')
     return count
 
 

@@ -33,6 +33,8 @@ _MAPPING_RECORDS = (*range(0x1600, 0x1800), *range(0x1A00, 0x1C00))
 _MAPPING_ENTRIES = 8
 """A description has the objects that are mapped by default; the record has as many sub-indices as eight bytes need."""
 _APPLICATION = 0x2000
+_REFUSES_WRITE = 1
+"""ObjFlags of what is no setting: a configuration by a DCF does not write commands, targets and measurements."""
 _RATE = re.compile(r"([0-9]+) ([kM])bit/s")
 _RATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 
@@ -142,13 +144,16 @@ def _record_name(index: int, parameters: Iterable[Parameter]) -> str:
 
 def _item(device: Device, parameter: Parameter, index: int, sub: int, mappable: bool) -> EdsItem:
     if parameter.object is not None and parameter.object.bit is not None:
-        return EdsItem(sub, f"Bits of {index:04X}h", "u16", "rw", pdo=mappable)
+        return EdsItem(sub, f"Bits of {index:04X}h", "u16", "rw", pdo=mappable, flags=_REFUSES_WRITE)
     default: Value | Formula | None = None if parameter.default is None else parameter.to_raw(parameter.default)
     if index in _COMMUNICATION_RECORDS and sub == 1 and isinstance(default, int) and device.canopen is not None:
         default = Formula(default - device.canopen.node)
     type = "string" if parameter.type == "text" else parameter.object_type
     low, high = (_limit(parameter, limit) for limit in (parameter.minimum, parameter.maximum))
-    return EdsItem(sub, parameter.name, type, parameter.access, default, low, high, mappable and type != "string")
+    flags = _REFUSES_WRITE if parameter.writable and parameter.kind != "setting" else 0
+    return EdsItem(
+        sub, parameter.name, type, parameter.access, default, low, high, mappable and type != "string", flags=flags
+    )
 
 
 def _limit(parameter: Parameter, limit: int | float | None) -> int | float | None:

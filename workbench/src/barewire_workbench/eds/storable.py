@@ -43,7 +43,7 @@ def storable(eds: Eds, node: int) -> set[Place]:
     >>> from barewire_workbench.eds.export import export
     >>> places = storable(export(load("az3")), 1)
     >>> len(places), (0x6083, 0) in places, (0x6040, 0) in places
-    (270, True, False)
+    (260, True, False)
     """
     objects = eds.dictionary(node)
     process = {

@@ -102,7 +102,7 @@ class PanelLine:
         self._next_diagnosis, self._diagnosed = 0.0, 0
         self._connect, self._check, self._clock = connect, check, clock
         self._machine: Any = None
-        self._is_known = False
+        self._is_known = self._is_checking = False
         self._problem, self._is_alive, self._since = NOT_ASKED, False, clock.now()
         self._start = clock.now()
         self._cells: dict[str, tuple[int, Any, str, str]] = {}  # name -> revision, value, text, why there is none
@@ -280,7 +280,11 @@ class PanelLine:
             self._machine = self._connect(self.device, self.endpoint, watch=self._watch)
             self._is_known = not self._check
         if not self._is_known:
-            check_device(self._machine, before_write=before_write)
+            self._is_checking = True
+            try:
+                check_device(self._machine, before_write=before_write)
+            finally:
+                self._is_checking = False
             self._is_known = True
         return self._machine
 
@@ -314,7 +318,8 @@ class PanelLine:
                     self._cells[name] = (self.revision, *cell)
 
     def _watch(self, direction: Direction, item: Any) -> None:
-        self._last_frames.take(direction, item, self._clock.now() - self._start)
+        if not self._is_checking:  # many devices refuse to say what they are: that is no fault
+            self._last_frames.take(direction, item, self._clock.now() - self._start)
         self._frames.watch(direction, item)
 
     def _diagnose(self) -> None:
