@@ -471,6 +471,11 @@ def test_a_transaction_with_its_bytes_exchanged_answers_no_request() -> None:
     assert diagnosed(log.replace(b"recv: 01 00", b"recv: 02 00"))[0] == []  # it may answer a request before the log
 
 
+def test_an_rtu_answer_to_a_request_of_tcp_has_no_transaction_that_could_be_late() -> None:
+    log = b"00 01 00 00 00 06 E3 03 00 00 00 04\nE3 03 08 9B 95 00 AA 00 28 6B F1 32 DE\n"
+    assert not any("transaction" in found.finding.text for found in diagnosed(log)[0])
+
+
 def test_a_unit_that_was_told_to_listen_only_is_not_dead() -> None:
     commanded = [Sent(0.5, encode(2, bytes.fromhex("08 0004 0000")), True)]
     traffic = [*commanded, *without_responses(spaced(polls(12, 1, 2)), 2)]

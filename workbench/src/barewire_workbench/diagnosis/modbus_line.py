@@ -633,8 +633,10 @@ class LineDiagnosis:
 
     def _with_other_number(self, event: ResponseSeen) -> Located | None:
         """Return the finding on a TCP response that fits an open request but has the transaction of one just before."""
+        if event.transaction is None:
+            return None  # a frame of RTU
         asked = next((seen for seen in self._open.values() if answers(seen, event.unit, event.pdu)), None)
-        late = (asked.transaction or 0) - (event.transaction or 0) if asked is not None else 0
+        late = (asked.transaction or 0) - event.transaction if asked is not None else 0
         if asked is None or not 0 < late <= _STRAY:
             return None
         self._spoiled.append((asked.unit, asked.at))
