@@ -30,7 +30,10 @@ from tools.website.source import ROOT
 
 TARGET = ROOT / "build" / "site" / "class"
 SOLUTIONS = "class/solutions.md"
-TABLE_PLACE = "<!-- the labs: to project, to print -->"
+TABLE_PLACE = (
+    "The table of the labs, with the screens and the sheet of each, is on this page of the site: "
+    "`make docs`, then `build/site/how-to/teach.html`."
+)
 _PAGES = ROOT / "docs" / "tutorial"
 _STATIC = ROOT / "docs" / "_static"
 

@@ -156,5 +156,6 @@ def csv_line(cells: Sequence[str]) -> bytes:
 
 
 def _other_headings(path: str, present: bytes, headings: Sequence[str]) -> str:
-    found = present.decode("utf-8", "replace").partition("\n")[0][:200]
-    return f"{path} has the columns {found}: expected {','.join(headings)[:200]} to append to it"
+    first, end, _ = present.decode("utf-8", "replace").partition("\n")
+    shown = first[:200] if end else f"{first[:200]} ..."
+    return f"{path} has the columns {shown}: expected {','.join(headings)[:200]} to append to it"
