@@ -83,7 +83,7 @@ def request(
     """Send a request as a browser does, in a thread; return status, answer and headers."""
     client = http.client.HTTPConnection("127.0.0.1", port_of(server), timeout=60)
     try:
-        client.request(method, path, None if body is None else json.dumps(body), headers)
+        client.request(method, path, body if isinstance(body, bytes | None) else json.dumps(body), headers)
         response = client.getresponse()
         return response.status, json.loads(response.read()), response.headers
     finally:
@@ -465,6 +465,11 @@ def test_a_plan_shows_the_frames_and_sends_nothing() -> None:
                 status, answer = await written(server, text, "/plan")
                 assert status == 400
                 assert SETTING in answer["problem"]
+            sent = {"X-Token": server.token or ""}
+            for depth in (1, 5_000):  # of lists in lists
+                nested = f"{'[' * depth}{']' * depth}".encode()
+                status, answer, _ = await asyncio.to_thread(request, server, "POST", "/plan", nested, **sent)
+                assert (status, "expected {" in answer["problem"]) == (400, True)
             assert line._machine is None
 
     asyncio.run(main())

@@ -289,7 +289,7 @@ def _named_text(request: Request) -> tuple[str, str]:
     """Return the name and the text of a request. Raises BarewireError."""
     try:
         body = json.loads(request.body or b"")
-    except ValueError:
+    except (ValueError, RecursionError):
         body = None
     if not isinstance(body, dict) or not all(isinstance(body.get(key), str) for key in ("name", "text")):
         raise BarewireError('expected {"name": TEXT, "text": TEXT}')
