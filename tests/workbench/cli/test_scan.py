@@ -10,7 +10,7 @@ from contextlib import suppress
 
 import pytest
 
-from barewire import CanopenServer, ModbusServer, Table
+from barewire import CanopenClient, CanopenServer, ModbusServer, Table
 from barewire.devices.sim import simulator
 from barewire_workbench.cli.app import run_command_line
 from tests.workbench.cli.helpers import error_of, output_of, run_here
@@ -129,7 +129,9 @@ def test_nothing_found_is_status_1_with_what_was_tried() -> None:
 
 
 def test_the_nodes_of_a_bus() -> None:
-    with CanopenServer("can://memory/scan-command?node=5", device="az3"):
+    with CanopenServer("can://memory/scan-command?node=5", device="az3") as server:
+        with CanopenClient(server.url, timeout=30) as client:
+            client.node().sdo.upload(0x1000)  # it has sent its boot-up message
         lines = output_of("scan", "can://memory/scan-command", "--listen", "0", "--nodes", "4-6").splitlines()
     assert lines[0].startswith("node 5    answered")
     assert lines[1].strip() == "says: profile 402 (drives)"
