@@ -40,6 +40,7 @@ from tests.workbench.cli.test_panel import SETTING, Machine, VirtualClock
 from tools.screens import text_of
 
 pytest.importorskip("textual")
+from textual.events import Key
 from textual.pilot import Pilot
 from textual.widgets import Input
 
@@ -374,6 +375,23 @@ def test_an_error_of_the_line_is_shown_and_the_screen_stays() -> None:
         assert "only what is wrong" in shown(app)
         await pilot.press("escape")
         assert isinstance(heard.error, PortError)
+
+    on_screen(app, act)
+
+
+@pytest.mark.parametrize("key", ["x", "escape"])
+def test_keys_that_come_faster_than_a_box_closes_close_it_once(key: str) -> None:
+    app = screen_of(HeardRows())
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press("question_mark")
+        box = app.screen
+        assert isinstance(box, Ask)
+        for _ in range(3):
+            box.post_message(Key(key, None))
+        await pilot.pause()
+        await pilot.press("question_mark")
+        assert isinstance(app.screen, Ask)
 
     on_screen(app, act)
 

@@ -167,6 +167,13 @@ class Ask(ModalScreen[Any]):
     ) -> None:
         super().__init__()
         self._title, self._lines, self._keys, self._text = title, lines, keys, text
+        self._is_answered = False
+
+    def _answer(self, answer: str | None) -> None:
+        """Return this, once: more keys may have come before the box is gone."""
+        if not self._is_answered:
+            self._is_answered = True
+            self.dismiss(answer)
 
     def compose(self) -> ComposeResult:
         """Make the box."""
@@ -189,14 +196,14 @@ class Ask(ModalScreen[Any]):
     def on_input_submitted(self, event: Input.Submitted) -> None:
         """Return the text."""
         event.stop()
-        self.dismiss(event.value)
+        self._answer(event.value)
 
     def on_key(self, event: Key) -> None:
         """Return a key, or nothing."""
         is_answer = self._text is None and (not self._keys or event.key in self._keys)
         if event.key == "escape" or is_answer:
             event.stop()
-            self.dismiss(None if event.key == "escape" else event.key)
+            self._answer(None if event.key == "escape" else event.key)
 
 
 class FilterLine(Input):
