@@ -92,6 +92,19 @@ def test_lines_json_and_csv() -> None:
     assert before - timedelta(seconds=0.001) <= dates[0] <= dates[-1] <= after
 
 
+def test_names_with_a_star() -> None:
+    with simulated_at("adxl", "tcp://127.0.0.1:0") as endpoint:
+        watch = ("watch", endpoint, "adxl", "*event*", "motor hour meter", "--count", "1", "--csv")
+        done = run_here(*watch)
+        assert "left out, each is read by its name: 'Event description'" in done.stderr
+        headings = next(csv.reader(done.stdout.splitlines()))
+        assert "Motor hour meter [h]" in headings
+        assert len(headings) > 3
+        assert "Event description" not in headings
+        refusal = error_of("watch", endpoint, "adxl", "Evnt *", "--count", "1", status=2)
+        assert "no readable parameter of adxl has a name like 'Evnt *'" in refusal
+
+
 def test_failed_polls_are_shown_and_polling_continues() -> None:
     command = [*COMMAND, "simulate", "csd-mt", "tcp://127.0.0.1:0", "--fault", "exception:0.5", "--seed", "4"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True) as process:

@@ -21,7 +21,7 @@ stands for any device.
 from __future__ import annotations
 
 import re
-from collections.abc import Container, Iterable
+from collections.abc import Container, Iterable, Sequence
 from dataclasses import replace
 from typing import cast
 
@@ -39,6 +39,8 @@ from barewire.devices.parameter import (
 )
 from barewire.errors import EncodeError, fold, shown, suggest
 from barewire_workbench.cli.arguments import load_device
+from barewire_workbench.cli.output import note
+from barewire_workbench.live.read_values import is_pattern, read_alone, readable_names, selected
 from barewire_workbench.settings.rules import SettingRules
 
 RAW = Device("raw", "any device", (), modbus=ModbusSettings(), canopen=CanopenSettings())
@@ -95,6 +97,25 @@ def _check_menus(device: Device, folded: Container[str]) -> None:
 
 def _folded_names(device: Device) -> set[str]:
     return {fold(parameter.name) for parameter in device.parameters}
+
+
+def names_to_read(
+    device: Device,
+    endpoint: str,
+    names: Sequence[str],
+    *,
+    groups: Sequence[str] = (),
+    access: str | None = None,
+) -> list[str]:
+    """Return the names that a call asks for. Note those that only their own names read, and leave them out."""
+    selection = selected(device, readable_names(device, endpoint), names, groups=groups, access=access)
+    alone = read_alone(device)
+    by_name = {device.find(name).name for name in names if not is_pattern(name)}
+    left_out = [name for name in selection if name in alone and name not in by_name]
+    if left_out:
+        reasons = ", ".join(f"{shown(name)} ({alone[name]})" for name in left_out)
+        note(f"left out, each is read by its name: {reasons}")
+    return [name for name in selection if name not in left_out]
 
 
 def expanded(names: Iterable[str], device: Device = RAW) -> tuple[str, ...]:

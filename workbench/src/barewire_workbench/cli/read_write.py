@@ -34,7 +34,14 @@ from barewire_workbench.cli.completion import complete_name
 from barewire_workbench.cli.dry_run import address_text, frames_of, raw_text
 from barewire_workbench.cli.ending import late_response_awaited
 from barewire_workbench.cli.output import Output, note, output_option
-from barewire_workbench.cli.raw_address import device_with, expanded, is_raw_address, printed_number_hint, wire_address
+from barewire_workbench.cli.raw_address import (
+    device_with,
+    expanded,
+    is_raw_address,
+    names_to_read,
+    printed_number_hint,
+    wire_address,
+)
 from barewire_workbench.cli.shown_frames import ShownFrames, frames_option, frames_shown, is_verbose
 from barewire_workbench.cli.value_text import parse_value
 from barewire_workbench.eds.device import configured_values
@@ -42,10 +49,7 @@ from barewire_workbench.live.read_values import (
     COLUMNS,
     ReadValue,
     is_pattern,
-    read_alone,
     read_values,
-    readable_names,
-    selected,
 )
 
 
@@ -116,7 +120,7 @@ def read_command(
     names = expanded(names, described)
     description = device_with(described, [name for name in names if not is_pattern(name)])
     # An unknown name is reported before a port is opened.
-    wanted = _names_to_read(description, endpoint, names, groups, access)
+    wanted = names_to_read(description, endpoint, names, groups=groups, access=access)
     if not wanted:
         raise click.UsageError(f"{device} has no such value that can be read over {endpoint.partition(':')[0]}")
     if timing:
@@ -141,20 +145,6 @@ def read_command(
     if failed:
         note(f"{failed} of {len(wanted)} values were not read")
         context.exit(1)
-
-
-def _names_to_read(
-    device: Device, endpoint: str, names: Sequence[str], groups: Sequence[str], access: str | None
-) -> list[str]:
-    """Return the names that a call asks for. Note those that only their own names read, and leave them out."""
-    selection = selected(device, readable_names(device, endpoint), names, groups=groups, access=access)
-    alone = read_alone(device)
-    by_name = {device.find(name).name for name in names if not is_pattern(name)}
-    left_out = [name for name in selection if name in alone and name not in by_name]
-    if left_out:
-        reasons = ", ".join(f"{shown(name)} ({alone[name]})" for name in left_out)
-        note(f"left out, each is read by its name: {reasons}")
-    return [name for name in selection if name not in left_out]
 
 
 def _read_one(machine: MachineClient, name: str) -> ReadValue:

@@ -35,9 +35,10 @@ from barewire_workbench.cli.completion import complete_name
 from barewire_workbench.cli.ending import EndedBySignal, ended_by_signals, late_response_awaited
 from barewire_workbench.cli.log_file import kept, open_log, signals_later
 from barewire_workbench.cli.output import note, print_json
-from barewire_workbench.cli.raw_address import device_with, expanded, is_raw_address
+from barewire_workbench.cli.raw_address import device_with, expanded, is_raw_address, names_to_read
 from barewire_workbench.cli.value_text import parse_value
 from barewire_workbench.live.polling import Clock, PolledLine, by_port, samples
+from barewire_workbench.live.read_values import is_pattern
 from barewire_workbench.value_log.condition import Condition, condition, name_in
 from barewire_workbench.value_log.csv_file import csv_line
 from barewire_workbench.value_log.rotating_log import RotatingLog, rotation
@@ -232,8 +233,8 @@ def _watched(endpoint: str, device: str, names: Sequence[str], conditions: Seque
     described = device_with(device, endpoint=endpoint)
     all_names = expanded(names, described)
     addresses = [name for name in map(name_in, conditions) if is_raw_address(name)]
-    description = device_with(described, [*all_names, *addresses])
-    return Watched(endpoint, description, tuple(dict.fromkeys(description.find(name).name for name in all_names)))
+    description = device_with(described, [*(name for name in all_names if not is_pattern(name)), *addresses])
+    return Watched(endpoint, description, tuple(names_to_read(description, endpoint, all_names)))
 
 
 def _with_conditions(number: int, watched: Watched, conditions: Sequence[Condition]) -> Watched:
