@@ -93,6 +93,8 @@ def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() ->
         ("sdo request: no response", "candump shows whether the request is on the bus"),
         ("modbus: no response", "barewire scan tries units and settings"),
         ("Result: EX_ILLEGAL_ADDRESS", "exception 02 (illegal data address)"),
+        ("modbus exception 02", "exception 02 (illegal data address)"),
+        ("Unexpected start address in response. Expected 262, received 5.", "the text does not say what failed"),
     ],
 )
 def test_words_that_leave_the_cause_open_name_what_it_may_be_and_how_to_tell(text: str, states: str) -> None:
@@ -109,6 +111,9 @@ def test_words_that_leave_the_cause_open_name_what_it_may_be_and_how_to_tell(tex
         ("invalid checksum", {"no-frames"}, "a checksum was wrong; that may be"),
         ("Unexpected byte count. Expected 32, received 16", {"nothing-wrong"}, "the length that was asked"),
         ("Timeout for reading: 300.0 ms", {"nothing-wrong"}, None),
+        ("send 01 03 5B 3D 00 01 06 E2", {"not-seen"}, None),
+        ("error: E2", {"not-seen"}, "no answer came in time"),
+        ("exceptions.SlaveBusyException", {"open"}, "exception 06 (server device busy)"),
         ("CRC error", {"bit-flip", "nothing-proved"}, None),
         ("connection reset by peer", {"open", "not-seen"}, "the other side closed the connection"),
     ],

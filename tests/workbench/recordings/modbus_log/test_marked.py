@@ -322,6 +322,11 @@ def test_a_crc_is_added_to_nothing_else(data: str) -> None:
     assert read_modbus_log(text.encode()).notes == ()
 
 
+def test_the_last_number_of_a_sentence_is_no_byte() -> None:
+    sentence = "Received read registers for device 0x21. FC: 0x3. Number of registers: 0x1."
+    assert read(f"{sentence}\nReceived: {ANSWERED}\nrecv: 0x05\n") == [bytes.fromhex(ANSWERED), b"\x05"]
+
+
 def test_another_program_that_prints_no_crc_is_believed() -> None:
     text = f"Sent packet: {ASKED[:-6]}\nReceived: {ANSWERED}\n"
     assert read(text)[0] == bytes.fromhex(ASKED[:-6])

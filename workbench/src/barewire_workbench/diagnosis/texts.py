@@ -136,8 +136,8 @@ _STATED: tuple[tuple[str, str], ...] = (
         "the port or interface cannot be opened",
     ),
     (
-        r"(?i)permission denied|access (?:is )?denied|resource busy|already (?:open|in use)|EBUSY|EACCES|"
-        r"multiple access",
+        r"(?i)permission denied|access (?:is )?denied|resource busy|already (?:open|in use)|"
+        r"\bEBUSY|\bEACCES|multiple access",
         "another program has the port, or this one may not open it",
     ),
     (r"(?i)network is down|ENETDOWN", "the interface is not up"),
@@ -173,7 +173,8 @@ _STATED: tuple[tuple[str, str], ...] = (
         _OTHER_UNIT,
     ),
     (
-        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|time[ds]?[-_ ]?out|\b(?:0x)?E[24]\b|"
+        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|time[ds]?[-_ ]?out|"
+        r"(?<![0-9a-f][ .:-])\b(?:0x)?E[24]\b(?![ .:-][0-9a-f]{2}\b)|"
         r"(?:not|n't) (?:receive|respond|answer|get(?! (?:\w+ ){1,3}work))|no communication|offline|waiting for",
         _SILENT,
     ),
@@ -252,7 +253,10 @@ _ABORT = re.compile(r"\b(?:0x|(?<=\())(0[568][0-9A-Fa-f]{6})\b")
 _ABORT_TEXTS = {code.text.partition(",")[0].lower(): code for code in AbortCode if len(code.text) > _LONG}
 _EMERGENCY = re.compile(r"(?i)\berror ?code\W{1,3}0x([0-9a-f]{4})\b")
 _UNIT = re.compile(r"(?i)(?:slave|unit|server)(?: address| id)? out of range \((\d{3,})\)")
-_LENGTHS = re.compile(r"(?i)expected (\d+),? (?:bytes )?(?:but )?(?:got|received) (\d+)")
+_LENGTHS = re.compile(
+    r"(?i)(?:length|bytes?|size|short|long)\b.{0,40}?expected (\d+),? (?:but )?(?:got|received) (\d+)|"
+    r"expected (\d+) bytes,? (?:but )?(?:got|received) (\d+)"
+)
 _TRANSACTIONS = re.compile(
     r"transaction[ _]id '?(\d+)'? does not match request '?(\d+)|ask for transaction_id=(\d+) but got id=(\d+)"
 )
@@ -335,7 +339,7 @@ def is_text(log: ModbusLog) -> bool:
 def _numbered(text: str) -> list[str]:
     """Return what the numbers in a message state: exceptions, abort codes, transactions."""
     stated = []
-    numbers = {int(number, 0) for number in _NUMBER.findall(text) if number.startswith("0x") or number.isdecimal()}
+    numbers = {int(number, 16 if number[:2].lower() == "0x" else 10) for number in _NUMBER.findall(text)}
     numbers |= {_NAMES[re.sub(r"[ _]", "", name).lower()] for name in _NAME.findall(text)}
     for number in sorted(numbers & set(range(1, 12))):
         stated.append(f"a device is reached and refuses: exception {number:02X} ({exception_name(number)})")
@@ -348,7 +352,7 @@ def _numbered(text: str) -> list[str]:
     for code in dict.fromkeys(_EMERGENCY.findall(text)):
         stated.append(f"a node reports the emergency {code}h ({error_text(int(code, 16))})")
     stated += [f"unit {unit} is asked, which is none: 1 to 247 are; a register?" for unit in _UNIT.findall(text)]
-    for expected, got in (map(int, found) for found in _LENGTHS.findall(text)):
+    for expected, got in (map(int, filter(None, numbers)) for numbers in _LENGTHS.findall(text)):
         if got == _REFUSAL < expected:
             stated.append(f"5 bytes came where {expected} were expected: the length of a refusal")
         if expected > _LONGEST_ANSWER:
