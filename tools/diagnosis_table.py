@@ -5,6 +5,7 @@
     threads_open.jsonl, threads_closed.jsonl   threads collected later, in two halves; by now the code was changed with
                    both in view; one row for each that is not right
     threads_fresh.jsonl   threads that the code was not made with, judged by hand: the record of one run
+    threads_second.jsonl  others, after the diagnosis was changed for those: the record of a second run
 
 All are in tests/workbench/diagnosis/broken/. A row is right if the first finding has a code that a reader expects. The
 expectations were written before the answers were seen. A test compares the page with the answers of today.
@@ -108,7 +109,7 @@ _SEEN = {"refused", "nothing-heard", "no-frame", "no-frames", "no-answer", "no-a
 
 
 def posted(half: str) -> list[Case]:
-    """Return the threads of a half, "open" or "closed", or those of the record, "fresh"."""
+    """Return the threads of a half, "open" or "closed", or those of a record, "fresh" or "second"."""
     return [json.loads(line) for line in (BROKEN / f"threads_{half}.jsonl").read_text(encoding="utf-8").splitlines()]
 
 
@@ -262,8 +263,37 @@ def _unseen() -> list[str]:
     for group in sorted({case["group"] for case in cases}):
         told = [case["judgement"] for case in cases if case["group"] == group]
         lines.append(f"| {group} | {len(told)} | {' | '.join(str(told.count(word)) for word in JUDGEMENTS)} |")
-    lines += ["", _REST, ""]
-    lines += [
+    return [*lines, "", _REST, "", *_missed_and_wrong(cases)]
+
+
+_AGAIN = """## A second set, unseen when judged
+
+64 other threads, after the diagnosis was changed with the 100 in view, by a reader who knew neither its code nor its
+tests. Causes and what an expert says were written down before `barewire diagnose` of commit 5385616c was run, once.
+Of 13 the cause is what the reader read in the log, since the thread was seen in part only. Six threads are about the
+envelope of Solarman V5 (A5 ... 15), which is read as noise around RTU; one may say that they are not of Modbus.
+
+After the judgement a traceback was mended (the words "exception 02"), and four of the wrong statements about words:
+coil addresses taken for lengths, E2 of a CRC for an error code, a busy device for a busy port, the last number of a
+sentence for a byte. *today* shows the rest. The goal, 8 of 10 right or honestly undecided and none wrong, is not
+reached: most is missed where bytes stand in escapes and markup, or where two frames have to be put in relation.
+"""
+
+
+def _unseen_again() -> list[str]:
+    cases = posted("second")
+    found = [case for case in cases if case["settled"] == "yes"]
+    lines = [_AGAIN]
+    for what, part in (("threads", cases), ("whose cause was found in the thread", found)):
+        lines.append(f"- {len(part)} {what}: {_counts([case['judgement'] for case in part])}.")
+    for group in sorted({case["group"] for case in cases}):
+        told = [case["judgement"] for case in cases if case["group"] == group]
+        lines.append(f"- {len(told)} with {group}: {_counts(told)}.")
+    return [*lines, "", *_missed_and_wrong(cases)]
+
+
+def _missed_and_wrong(cases: Iterable[Case]) -> list[str]:
+    lines = [
         "| thread | judgement | said | today | an expert says | cause | why not |",
         "|---|---|---|---|---|---|---|",
     ]
@@ -292,7 +322,7 @@ def page(names: Iterable[str] = ("own.json", "threads.json"), halves: Iterable[s
     for half in halves:
         lines += _later(half)
     if halves:
-        lines += _unseen()
+        lines += [*_unseen(), *_unseen_again()]
     return "\n".join(lines).rstrip() + "\n"
 
 

@@ -324,7 +324,10 @@ def test_a_crc_is_added_to_nothing_else(data: str) -> None:
 
 def test_the_last_number_of_a_sentence_is_no_byte() -> None:
     sentence = "Received read registers for device 0x21. FC: 0x3. Number of registers: 0x1."
-    assert read(f"{sentence}\nReceived: {ANSWERED}\nrecv: 0x05\n") == [bytes.fromhex(ANSWERED), b"\x05"]
+    assert read(f"{sentence}\nReceived: {ANSWERED}\nasync.dataReceived:64,Data Received: 0x5\n") == [
+        bytes.fromhex(ANSWERED),
+        b"\x05",
+    ]
 
 
 def test_another_program_that_prints_no_crc_is_believed() -> None:

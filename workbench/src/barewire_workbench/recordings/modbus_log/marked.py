@@ -307,8 +307,10 @@ def _directed(plain: str, number: int, openings: set[str] | frozenset[str] = fro
     size = len(octets.data or octets.decimal or b"")
     if word.re is _COMPLAINT and size < _SHORTEST:
         return []  # of a message: "failed! 8011!=FFFF"
-    if size == 1 and word.re is _WORD and not _SIZE.fullmatch(before[word.end() :]):
-        return []  # the last number of a sentence: "received a request for device 0x21. Registers: 0x1."
+    if size == 1 and word.re is _WORD:
+        nearest = _last_word(before) or word
+        if not _SIZE.fullmatch(before[nearest.end() :]):
+            return []  # the last number of a sentence: "received a request for device 0x21. Registers: 0x1."
     return [LogEntry(number, octets.data, sent, from_client, None, octets.decimal)]
 
 
