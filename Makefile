@@ -9,8 +9,8 @@ unexport PYTHONDONTWRITEBYTECODE
 VENV   ?= .venv
 BIN    := $(VENV)/bin
 NEW    := import sys; sys.exit(sys.version_info < (3, 11))
-# Tests run in six processes, one file at a time in each, because many of them wait. One process: WORKERS=
-WORKERS ?= -n 6 --dist loadfile --no-loadscope-reorder
+# Tests run in eight processes, one file at a time in each, because many of them wait. One process: WORKERS=
+WORKERS ?= -n 8 --dist loadfile --no-loadscope-reorder
 # Seconds after which a test that hangs fails, and says where its threads stand.
 LONGEST ?= 600
 PYTHON ?= $(shell for p in python3 python3.14 python3.13 python3.12 python3.11; do \
