@@ -21,7 +21,7 @@ from typing import NamedTuple
 from barewire.canopen.cob_ids import check_node
 from barewire.canopen.datatypes import DAY, TimeOfDay
 from barewire.canopen.eds.eds_file import Eds
-from barewire.canopen.eds.objects import EdsItem, every_item
+from barewire.canopen.eds.objects import REFUSES_READ, REFUSES_WRITE, EdsItem, every_item
 from barewire.canopen.object_dictionary import Entry, ObjectAddress, ObjectDictionary
 from barewire.canopen.pdo.config import PDOS_MAX, PdoConfig, PdoDirection
 from barewire.canopen.pdo.mapping import BITS_MAX, ENTRIES_MAX
@@ -192,7 +192,7 @@ def _is_default(entry: Entry, item: EdsItem | None) -> bool:
 def _why_left_out(entry: Entry, item: EdsItem, pdo: PdoConfig | None) -> str:
     if entry.index in COMMAND_OBJECTS:
         return "writing it is a command"
-    if item.flags & 3:
+    if item.flags & (REFUSES_WRITE | REFUSES_READ):
         return f"ObjFlags={item.flags} excludes it"
     if pdo is not None and entry.index == pdo.communication and entry.sub not in (*_PDO_TYPES, _RESERVED):
         return "a PDO has no such parameter"

@@ -57,6 +57,8 @@ MAPPABLE: dict[EdsAccess, tuple[Literal["RPDO", "TPDO"], ...]] = {
     "rw": ("RPDO", "TPDO"),
 }
 """The PDOs that an object of this access may be mapped to, if it may be mapped."""
+REFUSES_WRITE, REFUSES_READ = 1, 2
+"""The bits of ObjFlags: a configuration must not write the object; a scan of all objects must not read it [CiA 306]."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -20,7 +20,7 @@ from types import MappingProxyType
 from typing import Any
 
 from barewire.canopen.eds import Eds
-from barewire.canopen.eds.objects import EdsItem, EdsObject, every_item
+from barewire.canopen.eds.objects import REFUSES_READ, EdsItem, EdsObject, every_item
 from barewire.canopen.eds.value_syntax import read_integer
 from barewire.canopen.object_dictionary import Entry
 from barewire.codecs import Value
@@ -34,7 +34,6 @@ _TYPES = {"string": "text", "unicode": "text"}
 """The type of a value for types of objects whose name is another one."""
 _KINDS: Mapping[str, ParameterKind] = {"ro": "measurement", "wo": "command"}
 _WANTED = "configuration"
-_REFUSES_READ = 2  # bit of ObjFlags
 _DEVICE_TYPE, _IDENTITY = 0x1000, 0x1018
 _STORE, _SAVE = (0x1010, 1), 0x65766173
 """Where all parameters are stored, and the letters "save", which do it.   [CiA 301 7.5.2.13]"""
@@ -69,7 +68,7 @@ def device_of_eds(eds: Eds, name: str, node: int) -> Device:
             restoring["store"] = {title: _SAVE}
         if item.value is not None:
             wanted[title] = dictionary.get(described.index, item.sub)
-        if item.type == "domain" or item.flags & _REFUSES_READ:
+        if item.type == "domain" or item.flags & REFUSES_READ:
             alone[title] = "a domain may be long" if item.type == "domain" else "its ObjFlags want no scan to read it"
     texts = (eds.get("DeviceInfo", key) or "" for key in ("VendorName", "ProductName"))
     extra = {

@@ -18,7 +18,7 @@ from collections.abc import Iterable, Iterator
 from itertools import takewhile
 
 from barewire.canopen.eds import Eds, EdsItem, EdsObject, Formula, compose
-from barewire.canopen.eds.objects import RECORD, VAR
+from barewire.canopen.eds.objects import RECORD, REFUSES_WRITE, VAR
 from barewire.codecs import Value
 from barewire.devices.device import Device
 from barewire.devices.parameter import ObjectAt, Parameter
@@ -33,8 +33,6 @@ _MAPPING_RECORDS = (*range(0x1600, 0x1800), *range(0x1A00, 0x1C00))
 _MAPPING_ENTRIES = 8
 """A description has the objects that are mapped by default; the record has as many sub-indices as eight bytes need."""
 _APPLICATION = 0x2000
-_REFUSES_WRITE = 1
-"""ObjFlags of what is no setting: a configuration by a DCF does not write commands, targets and measurements."""
 _RATE = re.compile(r"([0-9]+) ([kM])bit/s")
 _RATES = (10_000, 20_000, 50_000, 125_000, 250_000, 500_000, 800_000, 1_000_000)
 
@@ -144,13 +142,14 @@ def _record_name(index: int, parameters: Iterable[Parameter]) -> str:
 
 def _item(device: Device, parameter: Parameter, index: int, sub: int, mappable: bool) -> EdsItem:
     if parameter.object is not None and parameter.object.bit is not None:
-        return EdsItem(sub, f"Bits of {index:04X}h", "u16", "rw", pdo=mappable, flags=_REFUSES_WRITE)
+        return EdsItem(sub, f"Bits of {index:04X}h", "u16", "rw", pdo=mappable, flags=REFUSES_WRITE)
     default: Value | Formula | None = None if parameter.default is None else parameter.to_raw(parameter.default)
     if index in _COMMUNICATION_RECORDS and sub == 1 and isinstance(default, int) and device.canopen is not None:
         default = Formula(default - device.canopen.node)
     type = "string" if parameter.type == "text" else parameter.object_type
     low, high = (_limit(parameter, limit) for limit in (parameter.minimum, parameter.maximum))
-    flags = _REFUSES_WRITE if parameter.writable and parameter.kind != "setting" else 0
+    # A configuration by a DCF must not write commands, targets and measurements.
+    flags = REFUSES_WRITE if parameter.writable and parameter.kind != "setting" else 0
     return EdsItem(
         sub, parameter.name, type, parameter.access, default, low, high, mappable and type != "string", flags=flags
     )

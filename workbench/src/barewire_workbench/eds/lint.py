@@ -24,7 +24,7 @@ from barewire.canopen.eds.document import (
     entry_number,
 )
 from barewire.canopen.eds.eds_file import MANDATORY, Eds, list_name
-from barewire.canopen.eds.objects import EdsItem, EdsObject, every_item
+from barewire.canopen.eds.objects import REFUSES_READ, REFUSES_WRITE, EdsItem, EdsObject, every_item
 from barewire.canopen.eds.value_syntax import Formula, read_integer
 
 _LONGEST_LINE = 255
@@ -170,7 +170,7 @@ def _item(eds: Eds, described: EdsObject, item: EdsItem) -> Iterator[Diagnostic]
             continue
         if (low is not None and value < low) or (high is not None and value > high):
             yield diagnostic(_line(eds, described, item.sub, key), "default-outside", f"{address} {key}={value}")
-    if item.flags & ~3:
+    if item.flags & ~(REFUSES_WRITE | REFUSES_READ):
         yield diagnostic(_line(eds, described, item.sub, "ObjFlags"), "flags", f"{address} {item.flags:X}h")
 
 

@@ -21,7 +21,7 @@ from itertools import chain
 
 from barewire.canopen.configuration.settings import COMMAND_OBJECTS
 from barewire.canopen.eds import Eds, Formula
-from barewire.canopen.eds.objects import every_item
+from barewire.canopen.eds.objects import REFUSES_READ, REFUSES_WRITE, every_item
 
 Place = tuple[int, int]
 
@@ -58,7 +58,7 @@ def storable(eds: Eds, node: int) -> set[Place]:
         for described, item in every_item(eds.objects.values())
         if item.access in ("rw", "rwr")
         and item.type != "domain"
-        and not item.flags & 3
+        and not item.flags & (REFUSES_WRITE | REFUSES_READ)
         and described.index not in left_out
         and (described.index, item.sub) not in process
         and not (described.index in _PDO_PARAMETERS and item.sub == _RESERVED)

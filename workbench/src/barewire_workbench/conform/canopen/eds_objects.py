@@ -30,7 +30,7 @@ from functools import partial
 from typing import Final, Literal
 
 from barewire.canopen.datatypes import BY_CODE, DataType, object_codec
-from barewire.canopen.eds.objects import MAPPABLE, RECORD, EdsItem, EdsObject, every_item
+from barewire.canopen.eds.objects import MAPPABLE, RECORD, REFUSES_READ, REFUSES_WRITE, EdsItem, EdsObject, every_item
 from barewire.canopen.eds.value_syntax import Expression, Formula
 from barewire.canopen.object_dictionary import ObjectAddress
 from barewire.codecs import Value
@@ -271,7 +271,7 @@ class DescribedItem:
     def writes(self) -> Iterator[NodeCase]:
         """Yield the cases that write the object: refused, or with the value that it has."""
         item, value = self.item, self.value or b"\0"
-        if item.flags & 1 or item.type == "domain":
+        if item.flags & REFUSES_WRITE or item.type == "domain":
             return
         if item.access in ("ro", "const"):
             yield self.case("ACCESS", "read-only", *self._refused(value, *READ_ONLY_CODES), why="06010002 or 06010000")
@@ -430,7 +430,8 @@ def _random_order(
 def _values(item: DescribedItem, order: Iterator[int]) -> list[bytes]:
     """Return the values that an object is given: those that the EDS names, and some between its limits."""
     described, low, high = item.item, *(item.at_node(limit) for limit in item.item.limits)
-    if described.access not in ("rw", "rww", "rwr") or described.flags & 3 or item.index in _CONTROLWORDS:
+    is_refused = described.flags & (REFUSES_WRITE | REFUSES_READ)
+    if described.access not in ("rw", "rww", "rwr") or is_refused or item.index in _CONTROLWORDS:
         return []
     if item.size is None:
         return []

@@ -15,7 +15,7 @@ from typing import TypeVar
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
 from barewire.canopen.cob_ids import check_node
-from barewire.canopen.eds.objects import EdsItem, EdsObject, every_item
+from barewire.canopen.eds.objects import REFUSES_READ, EdsItem, EdsObject, every_item
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.master import identify_slaves, switch_global, switch_selective
 from barewire.canopen.lss.messages import REQUEST_KEY, LssAddress, LssState
@@ -169,7 +169,7 @@ def second_answer(
 
 def may_be_read(item: EdsItem) -> bool:
     """Return whether the EDS allows to read an item: it is not write-only, and bit 1 of its ObjFlags is 0."""
-    return item.access != "wo" and not item.flags & 2
+    return item.access != "wo" and not item.flags & REFUSES_READ
 
 
 def _read(
