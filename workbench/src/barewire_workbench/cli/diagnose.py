@@ -136,9 +136,11 @@ class _Printer:
 
 def _of_words(traffic: Source, verdicts: list[tuple[str, LineVerdict]]) -> list[tuple[str, LineVerdict]]:
     """Return the verdict on the words of a short text; none for a line or bus, or a capture."""
-    start = b"" if traffic.endpoint is not None else traffic.recording.start
-    words = verdict_of_words(start.decode("utf-8", "replace"), {verdict.code for _, verdict in verdicts})
-    return [("", words)] if words is not None and len(start) < _TEXT_MAX else []
+    if traffic.endpoint is not None or len(traffic.recording.start) >= _TEXT_MAX:
+        return []
+    text = traffic.recording.start.decode("utf-8", "replace")
+    words = verdict_of_words(text, {verdict.code for _, verdict in verdicts})
+    return [] if words is None else [("", words)]
 
 
 # Modbus

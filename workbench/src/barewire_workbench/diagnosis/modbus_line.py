@@ -411,9 +411,8 @@ class LineDiagnosis:
         asked, self._to_all = self._to_all, None
         if asked is None or self._zero_answers or (isinstance(event, RequestSeen) and not event.unit):
             return  # a device that answers as unit 0
-        fits = isinstance(event, ResponseSeen) and event.pdu[0] & ~EXCEPTION_BIT == asked.pdu[0]
         proof = explain_pdu(asked.pdu, "request").summary
-        if fits and isinstance(event, ResponseSeen):
+        if isinstance(event, ResponseSeen) and event.pdu[0] & ~EXCEPTION_BIT == asked.pdu[0]:
             text = f"unit {event.unit} answers, and unit 0 was asked: ask unit {event.unit}"
             self._answered_broadcast = event
             yield self._located(event, Finding("wrong-answer", text, f"asked: {proof}"))
