@@ -32,6 +32,15 @@ from barewire_workbench.diagnosis.exchange import (
 )
 from barewire_workbench.diagnosis.modbus_counts import LineCounts
 from barewire_workbench.diagnosis.modbus_pieces import WEAK, Examiner, Piece, TrackedLine
+from barewire_workbench.diagnosis.modbus_responses import (
+    KEPT,
+    STRAY,
+    OpenRequests,
+    Overlap,
+    compared,
+    content,
+    unused_bits,
+)
 from barewire_workbench.diagnosis.tcp import diagnose_tcp
 from barewire_workbench.diagnosis.verdict import (
     FindingCounts,
@@ -44,11 +53,9 @@ from barewire_workbench.frames.findings import DiagnosisCode, Finding
 from barewire_workbench.frames.modbus import explain_pdu
 from barewire_workbench.frames.result import FrameRole, ProtocolName, counted
 from barewire_workbench.recordings.modbus_log import UNREADABLE, LoggedBytes, ModbusLog
-from barewire_workbench.recordings.modbus_log.marked import frame_pdu
 from barewire_workbench.recordings.modbus_replay import LogSniffers, SerialProtocol
 from barewire_workbench.recordings.model import LEFT_OUT
 from barewire_workbench.sniffer import (
-    LATE_AFTER,
     WINDOW,
     AmbiguousFrame,
     HeardLine,
@@ -59,13 +66,10 @@ from barewire_workbench.sniffer import (
     ResponseSeen,
     Sniffer,
     SnifferEvent,
-    answers,
     readable,
     shapes,
 )
 
-_STRAY = 3
-"""The most bytes beside a frame that are noise of the line, and not a damaged frame."""
 _BURST = 8
 """The most bytes of noise directly before the good response to the open request."""
 _BESIDE = 0.02
@@ -79,16 +83,12 @@ _SECOND_ANSWER = 0.05
 _NO_TIME_OUT = 0.05
 """Seconds: no client gives up a response sooner, and sends its next request. MinimalModbus waits so long. Equal times
 prove nothing: in some logs they are whole seconds."""
-_KEPT = 64
-"""Requests and damaged responses that are remembered by their times."""
 _NO_TARGET = (b"\x0a", b"\x0b")
 """Exceptions of a gateway: no path to the unit, no response from it."""
 _ILLEGAL_ADDRESS = b"\x02"
 _FIVE_DIGITS = 10_000
 """Numbers of manuals with the digit of their table are above."""
 _READS = frozenset({0x01, 0x02, 0x03, 0x04})
-_SHOWN = 32
-"""Characters of a text in the proof of a finding."""
 _DIAGNOSTICS, _LISTEN_ONLY = 0x08, b"\x00\x04"
 
 
@@ -100,37 +100,6 @@ class Located(NamedTuple):
     at: float
     line: int
     said: str = ""
-
-
-class Overlap:
-    """A request, another one sent sooner than any client gives up the first, and what came to them so far."""
-
-    def __init__(self, missing: ResponseMissing, line: int) -> None:
-        self.missing, self.line = missing, line
-        self.second: RequestSeen | None = None  # a write is known to be a request when its equal response came
-        self.answer_to_first: ResponseSeen | None = None
-        self.answer_to_second: ResponseSeen | None = None
-
-    def takes(self, event: SnifferEvent) -> bool:
-        """Whether the event leaves open if both requests are answered."""
-        if isinstance(event, RequestSeen) and self.second is None and event.at == self.missing.at:
-            self.second = event
-            return True
-        if isinstance(event, ResponseSeen):
-            return event.request is not None and event.request in (self.missing.request, self.second)
-        return isinstance(event, NoiseSeen)
-
-    def proof(self, second: RequestSeen) -> str:
-        """Return which response is that to which request."""
-        requests = self.missing.request, second
-        asked = [f"unit {seen.unit} {explain_pdu(seen.pdu, 'request').summary}" for seen in requests]
-        apart = f"{1e3 * (second.at - self.missing.request.at):.1f} ms later"
-        answers = [
-            f"{shown_digits(seen.pdu)} of unit {seen.unit} is the response to the {which}"
-            for seen, which in ((self.answer_to_first, "first"), (self.answer_to_second, "second"))
-            if seen is not None
-        ]
-        return f"{asked[0]}, and {apart} {asked[1]}; {', '.join(answers)}"
 
 
 class LineDiagnosis:
@@ -151,20 +120,19 @@ class LineDiagnosis:
         self._asked: Piece | None = None  # the last frame, if it is a request
         self._before: Piece | None = None  # the last frame
         # time, unit and PDU of frames, and their places
-        self._lines: deque[tuple[tuple[float, int, bytes], Piece]] = deque(maxlen=_KEPT)
-        self._spoiled: deque[tuple[int, float]] = deque(maxlen=_KEPT)  # requests whose response is damaged
+        self._lines: deque[tuple[tuple[float, int, bytes], Piece]] = deque(maxlen=KEPT)
+        self._spoiled: deque[tuple[int, float]] = deque(maxlen=KEPT)  # requests whose response is damaged
         self._answered: ResponseSeen | None = None  # the last response, if it has a request
         self._answered_broadcast: ResponseSeen | None = None
         self._other_count: ResponseSeen | None = None  # the last response with another count than its request asked
         self._overlap: Overlap | None = None
         self._half: AmbiguousFrame | None = None  # the next frame decides whether it is a wrong response to this one
-        self._given_up: deque[RequestSeen] = deque(maxlen=_KEPT)  # requests whose response may still come
         self._last_request: RequestSeen | None = None
-        self._open: dict[int, RequestSeen] = {}  # requests without a response, by the transaction of TCP
+        self._requests = OpenRequests()  # whose response may still come
         self.repeated: frozenset[bytes] = frozenset()
         """Bytes that are in the log more than once."""
         self._strays: set[bytes] = set()  # noise beside frames
-        self._seen: deque[Piece] = deque(maxlen=_KEPT)  # frames and damaged pieces, to compare later ones with
+        self._seen: deque[Piece] = deque(maxlen=KEPT)  # frames and damaged pieces, to compare later ones with
         self._zero_answers = False  # a device answers as unit 0
         self._to_all: RequestSeen | None = None  # a request to read of unit 0, if nothing came since
         self._listening: set[int] = set()  # units that were commanded to listen only
@@ -248,7 +216,7 @@ class LineDiagnosis:
         self.counts.noise_bytes += len(noise.data)
         answered = role == "response" and self._asked is not None and after is not None and self._beside(noise, after)
         is_burst = answered or len(set(noise.data)) == 1  # one level that stays, read as the same byte again and again
-        is_long = len(noise.data) > (_BURST if is_burst else _STRAY)
+        is_long = len(noise.data) > (_BURST if is_burst else STRAY)
         if is_long or self.protocol == "tcp" or self._begins_answer(noise):
             yield from self._damaged(noise, is_first=not self.counts.frames and after is not None and after.joined)
         elif after is not None and after.adu is not None and self._beside(noise, after):
@@ -264,7 +232,7 @@ class LineDiagnosis:
         else:
             self.counts.stray += 1
             text = f"{counted(len(noise.data))} without a frame"
-            yield Located(0, Finding("no-frame", text, _content(noise.data)), noise.end, noise.line)
+            yield Located(0, Finding("no-frame", text, content(noise.data)), noise.end, noise.line)
 
     def _begins_answer(self, noise: Piece) -> bool:
         """Return whether noise begins with the unit and the function that were asked."""
@@ -283,7 +251,7 @@ class LineDiagnosis:
         text = f"{counted(len(noise.data))} of noise {where}"
         if noise.data in self._strays and len(set(noise.data)) > 1:
             text = f"{counted(len(noise.data))} {where}, the same as before: a header of the device's own, or noise"
-        if len(self._strays) < _KEPT:
+        if len(self._strays) < KEPT:
             self._strays.add(noise.data)
         proof = f"{shown_digits(noise.data)} beside the good frame {shown_digits(frame.data)}"
         return Located(frame.adu.unit, Finding(code, text, proof), noise.end, noise.line)
@@ -329,7 +297,7 @@ class LineDiagnosis:
             counts.bursts -= 1
             self.unsettled.open[part] += 1
             return
-        findings = findings or self._compared(noise)
+        findings = findings or compared(noise.data, reversed(self._seen))
         self._seen.append(noise)
         if is_first and findings and findings[0].code == "byte-lost" and findings[0].text.startswith("the first"):
             counts.bursts -= 1
@@ -342,12 +310,12 @@ class LineDiagnosis:
             return
         counts.kinds["no-frame"] += 1
         text = f"{counted(len(noise.data))} outside of a frame" + (", where a response was due" if unit else "")
-        yield Located(unit, Finding("no-frame", text, _content(noise.data)), noise.end, noise.line)
+        yield Located(unit, Finding("no-frame", text, content(noise.data)), noise.end, noise.line)
 
     def _is_part_again(self, noise: Piece) -> bool:
         """Return whether a program printed the last frame again, without its header or unit."""
         before = self._before.data if self._before is not None else b""
-        return before.endswith(noise.data) and 0 < len(before) - len(noise.data) <= PREFIX and len(noise.data) > _STRAY
+        return before.endswith(noise.data) and 0 < len(before) - len(noise.data) <= PREFIX and len(noise.data) > STRAY
 
     def _part_of_frame(self, finding: Finding, data: bytes) -> str:
         """Return what bytes are that a program printed before it completed them; empty if they were received so."""
@@ -355,25 +323,6 @@ class LineDiagnosis:
             return "frame without its checksum or header, as a program prints it before it is whole"
         is_pdu = any(readable(decode, data) is not None for decode in (decode_request, decode_response))
         return "PDU without its unit and checksum" if finding.code == "cut-frame" and is_pdu else ""
-
-    def _compared(self, noise: Piece) -> list[Finding]:
-        """Return in what bytes that are no frame differ from others before them: bytes in front, or one too many."""
-        data = noise.data
-        for other in reversed(self._seen):
-            if other.adu is None and frame_pdu("rtu", other.data + data) is not None:
-                text = f"the rest of the frame that begins in line {other.line}: the reader ended it too early"
-                return [Finding("cut-frame", text, f"the CRC fits: {shown_digits(other.data + data)}")]
-            more = len(data) - len(other.data)
-            if 0 < more <= _STRAY and data.endswith(other.data):
-                text = f"{counted(more)} before the bytes of line {other.line}: {shown_digits(data[:more])}"
-                return [Finding("noise-before", text, shown_digits(data))]
-            at = next((at for at, (here, there) in enumerate(zip(data, other.data)) if here != there), 0)
-            rest = data[at + 1 :]
-            if more in (0, 1) and at > 1 and len(rest) > _STRAY and other.data[at:].startswith(rest):
-                text = f"byte {at}, {data[at]:02X}h, is too many: without it these are the bytes of line {other.line}"
-                cut = ", whose last one was not read" if more == 0 else ""
-                return [Finding("byte-extra", text + cut, shown_digits(data))]
-        return []
 
     # Events: requests and responses
 
@@ -521,8 +470,8 @@ class LineDiagnosis:
     def _without_request(self, event: ResponseSeen, before: ResponseSeen | None) -> Iterator[Located]:
         """Take a response that does not answer the open request; `before` is the last one, if that answered its own."""
         unit = self.counts.unit(event.unit)
-        if (late := self._late_for(event)) is not None:
-            self._given_up.remove(late)
+        if (late := self._requests.late_for(event)) is not None:
+            self._requests.given_up.remove(late)
             unit.streak = 0
             if late is self._last_request:  # its client still waits: no later request says that it gave up
                 unit.missing -= 1
@@ -544,14 +493,16 @@ class LineDiagnosis:
         elif (wrong := self._wrong_answer(event)) is not None:
             unit.wrong += 1
             yield wrong
-        elif (asked := self._exchanged(event)) is not None:
+        elif (asked := self._requests.exchanged(event)) is not None:
             unit.wrong += 1
             text = "the two bytes of the transaction identifier are exchanged"
             proof = f"the request has {asked.transaction:04X}h, the response {event.transaction:04X}h"
             yield self._located(event, Finding("header-byte-order", text, proof))
-        elif (numbered := self._with_other_number(event)) is not None:
+        elif (numbered := self._requests.with_other_number(event)) is not None:
             unit.wrong += 1
-            yield numbered
+            request, finding = numbered
+            self._spoiled.append((request.unit, request.at))
+            yield self._located(event, finding)
         else:
             self.unsettled.open[f"response of unit {event.unit} without its request"] += 1
             self._note_refusal(event)
@@ -559,8 +510,7 @@ class LineDiagnosis:
     def _to_request(self, event: ResponseSeen, request: RequestSeen) -> Iterator[Located]:
         """Take the response to a request."""
         unit = self.counts.unit(event.unit)
-        if request.transaction is not None:
-            self._open.pop(request.transaction, None)
+        self._requests.answered(request)
         self._listening.discard(event.unit)
         exception = event.pdu[1:2] if event.pdu[0] & EXCEPTION_BIT else b""
         if exception in _NO_TARGET:
@@ -575,14 +525,14 @@ class LineDiagnosis:
         if exception == _ILLEGAL_ADDRESS and int.from_bytes(request.pdu[1:3], "big") > _FIVE_DIGITS:
             for finding in exchange_findings(self.protocol, request, event, "address-base"):
                 yield self._located(event, finding)
-        if (unused := _unused_bits(request.pdu, event.pdu)) is not None:
+        if (unused := unused_bits(request.pdu, event.pdu)) is not None:
             yield self._located(event, unused)
         if event.older is not None:
             self.unsettled.open[f"response of unit {event.unit} that fits two requests"] += 1
         if event.late:
             unit.late += 1
-            if request in self._given_up:
-                self._given_up.remove(request)
+            if request in self._requests.given_up:
+                self._requests.given_up.remove(request)
             yield self._late(event, f"{event.seconds:.3f} s after its request, behind the next one")
 
     def _note_refusal(self, event: ResponseSeen) -> None:
@@ -591,15 +541,11 @@ class LineDiagnosis:
 
     def _note_request(self, request: RequestSeen) -> None:
         self._last_request = request
-        if request.transaction is not None:
-            self._open.pop(request.transaction, None)
-            self._open[request.transaction] = request
-            if len(self._open) > _KEPT:
-                del self._open[next(iter(self._open))]
+        self._requests.note(request)
 
     def _wrong_answer(self, event: ResponseSeen) -> Located | None:
         """Return the finding on a TCP response with the transaction of an open request that it does not answer."""
-        request = self._open.get(event.transaction) if event.transaction is not None else None
+        request = self._requests.of_transaction(event)
         if request is None:
             return None
         self._spoiled.append((request.unit, request.at))
@@ -612,46 +558,13 @@ class LineDiagnosis:
             return None
         located, said = self._located(event, findings[0]), ""
         if request.unit == event.unit and (said := other_count(request.pdu, event.pdu)):
-            other = next((seen for seen in self._open.values() if answers(seen, event.unit, event.pdu)), None)
+            other = self._requests.fitting(event)
             if other is not None:
                 asked = f"that of transaction {other.transaction}, {explain_pdu(other.pdu, 'request').summary}"
                 text = f"the response is to another request: to {asked}"
                 return located._replace(finding=findings[0]._replace(text=text))
             self._other_count = event
         return located._replace(said=said)
-
-    def _exchanged(self, event: ResponseSeen) -> RequestSeen | None:
-        """Return the open request that a TCP response answers if the bytes of its transaction are exchanged."""
-        if event.transaction is None:
-            return None
-        number = int.from_bytes(event.transaction.to_bytes(2, "little"), "big")
-        request = self._open.get(number) if number != event.transaction else None
-        if request is None or request.unit != event.unit:
-            return None
-        return request if request.pdu[0] == event.pdu[0] & ~EXCEPTION_BIT else None
-
-    def _with_other_number(self, event: ResponseSeen) -> Located | None:
-        """Return the finding on a TCP response that fits an open request but has the transaction of one just before."""
-        if event.transaction is None:
-            return None  # a frame of RTU
-        asked = next((seen for seen in self._open.values() if answers(seen, event.unit, event.pdu)), None)
-        late = (asked.transaction or 0) - event.transaction if asked is not None else 0
-        if asked is None or not 0 < late <= _STRAY:
-            return None
-        self._spoiled.append((asked.unit, asked.at))
-        numbers = f"transaction {event.transaction} answers, and {asked.transaction} was asked"
-        text = f"{numbers}: the response to an earlier request, if the device is right"
-        proof = f"asked: {explain_pdu(asked.pdu, 'request').summary}; unit, function and length fit"
-        return self._located(event, Finding("wrong-answer", text, proof))
-
-    def _late_for(self, event: ResponseSeen) -> RequestSeen | None:
-        """Return the request that was given up and that this response answers."""
-        return next((request for request in self._given_up if self._fits(request, event)), None)
-
-    def _fits(self, request: RequestSeen, event: ResponseSeen) -> bool:
-        if request.transaction != event.transaction or event.at - request.at > LATE_AFTER:
-            return False
-        return answers(request, event.unit, event.pdu)
 
     def _is_second(self, before: ResponseSeen, event: ResponseSeen) -> bool:
         same = before.unit == event.unit and before.pdu[0] & ~EXCEPTION_BIT == event.pdu[0] & ~EXCEPTION_BIT
@@ -708,7 +621,7 @@ class LineDiagnosis:
     def _unanswered(self, event: ResponseMissing, following: SnifferEvent | None, line: int) -> Iterator[Located]:
         request, unit = event.request, self.counts.unit(event.request.unit)
         stray = following if isinstance(following, ResponseSeen) and following.request is None else None
-        if stray is not None and self._late_for(stray) is None:
+        if stray is not None and self._requests.late_for(stray) is None:
             wrong = self._located_wrong(request, stray)
             if wrong is not None:
                 unit.wrong += 1
@@ -717,7 +630,7 @@ class LineDiagnosis:
                 return
         unit.missing += 1
         unit.streak += 1
-        self._given_up.append(request)
+        self._requests.given_up.append(request)
         if stray is not None:
             return  # a late response came first; the one to this request may follow
         text = f"no response to {explain_pdu(request.pdu, 'request').summary}"
@@ -746,26 +659,6 @@ class LineDiagnosis:
         return request.unit in self._listening
 
 
-def _content(data: bytes) -> str:
-    """Return bytes as the proof of a finding shows them; characters are a text of another protocol."""
-    text = data.decode("latin-1").rstrip("\r\n")
-    return shown_digits(data) + (
-        f": the characters {text[:_SHOWN]!r}" if len(text) > _STRAY and text.isprintable() else ""
-    )
-
-
-def _unused_bits(request: bytes, response: bytes) -> Finding | None:
-    """Return the finding on bits behind those that were asked: they are 0 [MB-APP 6.1]."""
-    if request[0] not in (1, 2) or response[0] != request[0] or len(request) != 5:
-        return None
-    quantity = int.from_bytes(request[3:5], "big")
-    spare = response[-1] >> (quantity % 8 or 8)
-    if not spare:
-        return None
-    text = f"bits are set behind the {quantity} that {'was' if quantity == 1 else 'were'} asked; unused bits are 0"
-    return Finding("wrong-value", text, f"the last byte is {response[-1]:02X}h: use only the lowest {quantity % 8}")
-
-
 def _ignore(event: SnifferEvent, protocol: ProtocolName) -> None:
     """Take an event, and do nothing."""
 
@@ -789,8 +682,8 @@ class ModbusLogDiagnosis:
     ) -> None:
         self.log = log = _with_framing(log)
         self._on_event = on_event
-        pieces = [item.data for item in log.items if isinstance(item, LoggedBytes) and len(item.data) > _STRAY]
-        tails = {data[before:] for data in pieces for before in range(1, _STRAY + 1)}
+        pieces = [item.data for item in log.items if isinstance(item, LoggedBytes) and len(item.data) > STRAY]
+        tails = {data[before:] for data in pieces for before in range(1, STRAY + 1)}
         self._repeated = frozenset(data for data, count in Counter(pieces).items() if count > 1 or data in tails)
         self.lines: dict[str, LineDiagnosis] = {}
         self._tracked: dict[str, list[TrackedLine]] = {}

@@ -1,0 +1,171 @@
+"""What a single response or damaged piece of a Modbus line is, beside the requests and pieces before it.
+
+OpenRequests     which open or given-up request a response belongs to: late, transaction exchanged or of another
+Overlap          two requests that were open at once, and what came to them
+compared         damaged bytes beside earlier ones: the rest of a frame, bytes in front, a byte too many
+unused_bits      bits behind those that were asked
+"""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+
+from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire_workbench.diagnosis.exchange import shown_digits
+from barewire_workbench.diagnosis.modbus_pieces import Piece
+from barewire_workbench.frames.findings import Finding
+from barewire_workbench.frames.modbus import explain_pdu
+from barewire_workbench.frames.result import counted
+from barewire_workbench.recordings.modbus_log.marked import frame_pdu
+from barewire_workbench.sniffer import (
+    LATE_AFTER,
+    NoiseSeen,
+    RequestSeen,
+    ResponseMissing,
+    ResponseSeen,
+    SnifferEvent,
+    answers,
+)
+
+STRAY = 3
+"""The most bytes beside a frame that are noise of the line, and not a damaged frame."""
+KEPT = 64
+"""Requests and damaged responses that are remembered."""
+_JUST_BEFORE = 3
+"""A response with the transaction of a request so many before belongs to that one, or has a wrong number."""
+_SHOWN = 32
+"""Characters of a text in the proof of a finding."""
+
+
+class OpenRequests:
+    """Requests without a response: those of TCP by their transaction, and those that were given up."""
+
+    def __init__(self) -> None:
+        self.by_transaction: dict[int, RequestSeen] = {}
+        self.given_up: deque[RequestSeen] = deque(maxlen=KEPT)
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self.by_transaction)} open, {len(self.given_up)} given up>"
+
+    def note(self, request: RequestSeen) -> None:
+        """Take a request of TCP; others have no transaction."""
+        if request.transaction is None:
+            return
+        self.by_transaction.pop(request.transaction, None)
+        self.by_transaction[request.transaction] = request
+        if len(self.by_transaction) > KEPT:
+            del self.by_transaction[next(iter(self.by_transaction))]
+
+    def answered(self, request: RequestSeen) -> None:
+        """Forget a request of TCP that has its response."""
+        if request.transaction is not None:
+            self.by_transaction.pop(request.transaction, None)
+
+    def of_transaction(self, event: ResponseSeen) -> RequestSeen | None:
+        """Return the open request with the transaction of a response."""
+        return None if event.transaction is None else self.by_transaction.get(event.transaction)
+
+    def fitting(self, event: ResponseSeen) -> RequestSeen | None:
+        """Return the open request that a response answers, whatever its transaction is."""
+        return next((seen for seen in self.by_transaction.values() if answers(seen, event.unit, event.pdu)), None)
+
+    def exchanged(self, event: ResponseSeen) -> RequestSeen | None:
+        """Return the open request that a TCP response answers if the bytes of its transaction are exchanged."""
+        if event.transaction is None:
+            return None
+        number = int.from_bytes(event.transaction.to_bytes(2, "little"), "big")
+        request = self.by_transaction.get(number) if number != event.transaction else None
+        if request is None or request.unit != event.unit:
+            return None
+        return request if request.pdu[0] == event.pdu[0] & ~EXCEPTION_BIT else None
+
+    def with_other_number(self, event: ResponseSeen) -> tuple[RequestSeen, Finding] | None:
+        """Return the open request that a TCP response fits, and the finding, if it has the transaction of one just
+        before."""
+        asked = self.fitting(event) if event.transaction is not None else None
+        if asked is None or not 0 < (asked.transaction or 0) - (event.transaction or 0) <= _JUST_BEFORE:
+            return None
+        numbers = f"transaction {event.transaction} answers, and {asked.transaction} was asked"
+        text = f"{numbers}: the response to an earlier request, if the device is right"
+        proof = f"asked: {explain_pdu(asked.pdu, 'request').summary}; unit, function and length fit"
+        return asked, Finding("wrong-answer", text, proof)
+
+    def late_for(self, event: ResponseSeen) -> RequestSeen | None:
+        """Return the request that was given up and that this response answers."""
+
+        def fits(request: RequestSeen) -> bool:
+            is_one = request.transaction == event.transaction and event.at - request.at <= LATE_AFTER
+            return is_one and answers(request, event.unit, event.pdu)
+
+        return next(filter(fits, self.given_up), None)
+
+
+class Overlap:
+    """A request, another one sent sooner than any client gives up the first, and what came to them so far."""
+
+    def __init__(self, missing: ResponseMissing, line: int) -> None:
+        self.missing, self.line = missing, line
+        self.second: RequestSeen | None = None  # a write is known to be a request when its equal response came
+        self.answer_to_first: ResponseSeen | None = None
+        self.answer_to_second: ResponseSeen | None = None
+
+    def takes(self, event: SnifferEvent) -> bool:
+        """Whether the event leaves open if both requests are answered."""
+        if isinstance(event, RequestSeen) and self.second is None and event.at == self.missing.at:
+            self.second = event
+            return True
+        if isinstance(event, ResponseSeen):
+            return event.request is not None and event.request in (self.missing.request, self.second)
+        return isinstance(event, NoiseSeen)
+
+    def proof(self, second: RequestSeen) -> str:
+        """Return which response is that to which request."""
+        requests = self.missing.request, second
+        asked = [f"unit {seen.unit} {explain_pdu(seen.pdu, 'request').summary}" for seen in requests]
+        apart = f"{1e3 * (second.at - self.missing.request.at):.1f} ms later"
+        answers = [
+            f"{shown_digits(seen.pdu)} of unit {seen.unit} is the response to the {which}"
+            for seen, which in ((self.answer_to_first, "first"), (self.answer_to_second, "second"))
+            if seen is not None
+        ]
+        return f"{asked[0]}, and {apart} {asked[1]}; {', '.join(answers)}"
+
+
+def compared(data: bytes, seen: Iterable[Piece]) -> list[Finding]:
+    """Return in what bytes that are no frame differ from the pieces of `seen`: bytes in front, or one too many."""
+    for other in seen:
+        if other.adu is None and frame_pdu("rtu", other.data + data) is not None:
+            text = f"the rest of the frame that begins in line {other.line}: the reader ended it too early"
+            return [Finding("cut-frame", text, f"the CRC fits: {shown_digits(other.data + data)}")]
+        more = len(data) - len(other.data)
+        if 0 < more <= STRAY and data.endswith(other.data):
+            text = f"{counted(more)} before the bytes of line {other.line}: {shown_digits(data[:more])}"
+            return [Finding("noise-before", text, shown_digits(data))]
+        at = next((at for at, (here, there) in enumerate(zip(data, other.data)) if here != there), 0)
+        rest = data[at + 1 :]
+        if more in (0, 1) and at > 1 and len(rest) > STRAY and other.data[at:].startswith(rest):
+            text = f"byte {at}, {data[at]:02X}h, is too many: without it these are the bytes of line {other.line}"
+            cut = ", whose last one was not read" if more == 0 else ""
+            return [Finding("byte-extra", text + cut, shown_digits(data))]
+    return []
+
+
+def content(data: bytes) -> str:
+    """Return bytes as the proof of a finding shows them; characters are a text of another protocol."""
+    text = data.decode("latin-1").rstrip("\r\n")
+    return shown_digits(data) + (
+        f": the characters {text[:_SHOWN]!r}" if len(text) > STRAY and text.isprintable() else ""
+    )
+
+
+def unused_bits(request: bytes, response: bytes) -> Finding | None:
+    """Return the finding on bits behind those that were asked: they are 0 [MB-APP 6.1]."""
+    if request[0] not in (1, 2) or response[0] != request[0] or len(request) != 5:
+        return None
+    quantity = int.from_bytes(request[3:5], "big")
+    spare = response[-1] >> (quantity % 8 or 8)
+    if not spare:
+        return None
+    text = f"bits are set behind the {quantity} that {'was' if quantity == 1 else 'were'} asked; unused bits are 0"
+    return Finding("wrong-value", text, f"the last byte is {response[-1]:02X}h: use only the lowest {quantity % 8}")
