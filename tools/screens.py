@@ -3,6 +3,7 @@ them.
 
     screen-sniff.svg    `sniff --live` of docs/pictures/line.log, a refused request explained
     screen-panel.svg    `panel --terminal` of a simulated stepper drive, a frame explained
+    screen-ramp.svg     the same of a simulated soft starter, half a minute after its start
 """
 
 from __future__ import annotations
@@ -10,17 +11,18 @@ from __future__ import annotations
 import asyncio
 import html
 import re
-import time
-from collections.abc import Callable, Sequence
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import click
 
 from barewire import ModbusServer, connect, load
-from barewire.devices.sim import MachineUnits, simulator
+from barewire.devices.sim import simulator
 
 if TYPE_CHECKING:
+    from barewire_workbench.cli.panels.line import PanelLine
     from barewire_workbench.cli.terminal.machine import MachineScreen
     from barewire_workbench.cli.terminal.sniffing import SniffScreen
 
@@ -43,25 +45,63 @@ def sniff_screen() -> str:
 
 
 def panel_screen() -> str:
-    """Return the screen of a machine. It is at a port that the system chooses, and shown at another one."""
+    """Return the screen of a machine."""
+    with _machine_screen("csd-mt", lambda: 0.0) as (app, line):
+        return _svg(app, ["tab", "up"], first=line.turn)
+
+
+def ramp_screen() -> str:
+    """Return the screen of a soft starter that was started. Its time is that of the polls, one a second."""
+    seconds = 0.0
+    with _machine_screen("adxl", lambda: seconds) as (app, line):
+
+        def poll() -> None:
+            nonlocal seconds
+            for second in range(45):
+                if second == 15:
+                    line.write("Motor start command", 1)
+                line.turn()
+                app.look()
+                seconds += 1
+
+        return _svg(app, [], first=poll)
+
+
+@contextmanager
+def _machine_screen(name: str, now: Callable[[], float]) -> Iterator[tuple[MachineScreen, PanelLine]]:
+    """The screen of a simulated machine whose time `now` returns, and its line, which is polled with `turn`. The
+    machine is at a port that the system chooses, and is shown at another one."""
     from barewire_workbench.cli.panels.line import PanelLine
     from barewire_workbench.cli.terminal.machine import MachineScreen
+    from barewire_workbench.live.polling import Clock
 
-    with ModbusServer("tcp://127.0.0.1:0", MachineUnits(simulator("csd-mt", time.monotonic()))) as server:
+    class TimeOfPolls(Clock):
+        def now(self) -> float:
+            return now()
+
+    class TimedUnit:
+        def handle(self, request: Any, _: float) -> Any:
+            return adapter.handle(request, now())
+
+    adapter: Any = simulator(name, now()).modbus
+    with ModbusServer("tcp://127.0.0.1:0", {1: TimedUnit()}) as server:
 
         def at_its_port(device: Any, endpoint: str, **options: Any) -> Any:
-            return connect(device, f"{server.url}?timeout=60", **options)
+            return connect(device, f"{server.url}?timeout=60&unit=1", **options)
 
-        line = PanelLine(load("csd-mt"), "tcp://192.168.1.10", connect=at_its_port)
-
+        line = PanelLine(load(name), "tcp://192.168.1.10", check=False, connect=at_its_port, clock=TimeOfPolls())
         try:
-            return _svg(MachineScreen(line, writable=True), ["tab", "up"], first=line.turn)
+            yield MachineScreen(line, writable=True), line
         finally:
             line.stop()
             line.run()  # closes the connection
 
 
-SCREENS: dict[str, Callable[[], str]] = {"screen-sniff.svg": sniff_screen, "screen-panel.svg": panel_screen}
+SCREENS: dict[str, Callable[[], str]] = {
+    "screen-sniff.svg": sniff_screen,
+    "screen-panel.svg": panel_screen,
+    "screen-ramp.svg": ramp_screen,
+}
 
 
 def _svg(app: SniffScreen | MachineScreen, keys: Sequence[str], first: Callable[[], object] = lambda: None) -> str:

@@ -26,7 +26,10 @@ def test_the_page_shows_each_picture_below_its_command() -> None:
         assert between.split("](", 1)[-1].startswith(f"../pictures/{name})"), name
 
 
-@pytest.mark.parametrize(("name", "page"), [("screen-sniff.svg", "listening-in.md"), ("screen-panel.svg", "panel.md")])
+@pytest.mark.parametrize(
+    ("name", "page"),
+    [("screen-sniff.svg", "listening-in.md"), ("screen-panel.svg", "panel.md"), ("screen-ramp.svg", "panel.md")],
+)
 def test_a_screen_has_the_text_that_it_has_today(name: str, page: str) -> None:
     """Its colours and frames are those of Textual, which may change them."""
     kept = (pictures.FOLDER / name).read_text(encoding="utf-8")

@@ -540,6 +540,26 @@ def test_a_drive_shows_its_states_and_its_words_can_be_read_and_written_there(
             assert planned_frames(endpoint, device, {shown["drive"]["control"]: control})
 
 
+@pytest.mark.parametrize(
+    ("name", "endpoint", "first"),
+    [
+        ("csd-mt", "tcp://127.0.0.1", "Motion"),  # and not the log with 20 alarms
+        ("adxl", "rtu:///dev/x", "Measures"),
+        ("az3", "rtu:///dev/x", "Measured values"),
+        ("az3", "can://socketcan/can0", "Measured values"),
+    ],
+)
+def test_the_group_that_opens_tells_how_the_machine_moves(name: str, endpoint: str, first: str) -> None:
+    assert description(load(name), endpoint)["first"] == first
+
+
+def test_without_a_role_the_group_that_opens_has_most_that_is_measured() -> None:
+    device = load("csd-mt")
+    device = replace(device, drive=None, parameters=tuple(row for row in device.parameters if row.group != "Motion"))
+    assert description(device, "tcp://127.0.0.1")["first"] == "Motor, as set by Motor Code"
+    assert description(replace(device, parameters=()), "tcp://127.0.0.1")["first"] == ""
+
+
 def test_the_world_of_a_simulated_machine_is_set_and_a_wrong_property_is_an_error() -> None:
     async def main() -> None:
         machine, faults = simulator("adxl"), Faults(ModbusWire("rtu"), "drop@20,late:0.5", Random(1))

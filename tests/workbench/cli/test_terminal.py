@@ -23,12 +23,14 @@ from typing import Any
 import click
 import pytest
 
+from barewire import ModbusServer
 from barewire.canopen import CanFrame
 from barewire.devices import load
+from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import EncodeError, PortError
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.rtu import encode as rtu_frame
-from barewire_workbench.cli.panels.line import PanelLine
+from barewire_workbench.cli.panels.line import PanelLine, running
 from barewire_workbench.cli.sources import Source
 from barewire_workbench.cli.terminal.heard import Filter, HeardRows, KeepingMonitors, Rates, Row, hear_can, hear_modbus
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
@@ -413,7 +415,9 @@ def test_a_recording_without_times_has_no_column_for_them(tmp_path: Path) -> Non
 def panel_of(machine: Machine, *, writable: bool = True) -> tuple[MachineScreen, PanelLine, VirtualClock]:
     clock = VirtualClock()
     line = PanelLine(load("csd-mt"), "rtu:///dev/x", check=False, connect=machine, clock=clock)
-    return MachineScreen(line, writable=writable), line, clock
+    app = MachineScreen(line, writable=writable)
+    app._group = app._names.index("Drive setting")
+    return app, line, clock
 
 
 def test_values_of_the_group_that_is_shown_are_polled_and_shown() -> None:
@@ -444,19 +448,110 @@ def test_values_of_the_group_that_is_shown_are_polled_and_shown() -> None:
     assert machine.asked == []
 
 
-def test_the_first_group_is_one_that_can_be_read() -> None:
+def test_chosen_values_are_drawn_over_time_with_a_gap_where_the_machine_is_silent() -> None:
+    app, line, clock = panel_of(machine := Machine())
+    app._group = app._names.index("Motion")
+
+    async def polled(seconds: int, position: int) -> None:
+        for _ in range(seconds):
+            machine.values["Position Actual Value"] = position
+            line.turn()
+            clock.time += 1
+            app.look()
+
+    async def act(pilot: Pilot[None]) -> None:
+        await pilot.press("down", "down", "p", "down", "p")
+        await polled(20, 0)
+        machine.is_silent = True
+        await polled(20, 0)
+        machine.is_silent = False
+        await polled(20, 700)
+        await pilot.pause()
+        screen = shown(app)
+        assert re.search("Position Actual Value  700 step +0 … 700", screen)
+        (bars,) = (row for row in screen.splitlines() if "▁" in row and "█" in row)
+        assert re.fullmatch("▁{23,29} {23,29}█{23,29}", bars.strip())
+        assert "frames" not in screen
+        await pilot.press("t")
+        await pilot.pause()
+        assert "-600 s" in shown(app)
+        await pilot.press("s")
+        await pilot.pause()
+        assert "frames" in shown(app)
+        await pilot.press("p", "up", "p")
+        line.turn()
+        app.look()
+        await pilot.pause()
+        assert "p: the chosen value, over time" in shown(app)
+
+    on_screen(app, act)
+
+
+def test_only_numbers_are_drawn_and_four_at_most() -> None:
+    app, _, _ = panel_of(Machine())
+    app._group = app._names.index("Motion")
+
+    async def act(pilot: Pilot[None]) -> None:
+        for _ in range(5):
+            await pilot.press("p", "down")
+        assert "4 values are drawn: p removes one of them" in shown(app)
+        await pilot.press("r")
+        await pilot.pause()
+        assert "r reads a setting behind the numbers of a menu" in shown(app)
+        assert len(app._scope.names) == 4
+
+    on_screen(app, act)
+
+
+def test_the_ramp_of_a_soft_starter_is_drawn_started_and_set() -> None:
+    machine = simulator("adxl")
+    with (
+        ModbusServer("rtu://pty", MachineUnits(machine)) as server,
+        running(PanelLine(load("adxl"), f"{server.url}?timeout=60", period=0.05)) as line,
+    ):
+        app = MachineScreen(line, writable=True)
+
+        async def until_shown(pilot: Pilot[None], *texts: str) -> None:
+            give_up = time.monotonic() + 60
+            while not all(text in shown(app) for text in texts):
+                assert time.monotonic() < give_up, shown(app)
+                await pilot.pause(0.05)
+
+        async def act(pilot: Pilot[None]) -> None:
+            await until_shown(pilot, "(Starter ready)", "Max current  0 A", "Torque  0 %", "L3-L1 Voltage", "not read")
+            await pilot.press("end", "r")
+            await until_shown(pilot, "P01.04 acceleration time, read; the device has 10 s")
+            await pilot.press("enter", *"120", "enter")
+            await until_shown(pilot, "P01.04 acceleration time = 120 s, would be sent", "y: send")
+            assert shown(app).count("Write Single Register") == 4  # three numbers, then the value
+            await pilot.press("y")
+            await until_shown(pilot, "P01.04 acceleration time = 120 s, written; the device has 120 s")
+            await pilot.press("home", "down", "enter")
+            await until_shown(pilot, "1 = execute")
+            await pilot.press("enter", "y")
+            await until_shown(pilot, "(Acceleration ramp)")
+
+        on_screen(app, act, (130, 40))
+
+
+def test_without_write_no_number_of_a_menu_is_written() -> None:
     line = PanelLine(load("adxl"), "rtu:///dev/x", check=False, connect=Machine(), clock=VirtualClock())
     app = MachineScreen(line, writable=False)
 
     async def act(pilot: Pilot[None]) -> None:
         assert "not asked yet" in shown(app)
         assert "no answer" not in shown(app)
-        rows = app.query_one("#values", RowList).rows
-        assert any(row["access"] != "wo" for row in rows)
-        await pilot.press("left")
-        assert "write only" in shown(app)  # the group before it has commands only
+        await pilot.press("end", "r")
+        await pilot.pause()
+        assert "start it with --write to write" in shown(app)
+        await pilot.press("home", "p", "right")
+        await pilot.pause()
+        assert "write only" in shown(app)  # the group of commands
+        await pilot.press("p")
+        await pilot.pause()
+        assert "is no number that is polled" in shown(app)
 
-    on_screen(app, act)
+    on_screen(app, act, (160, 40))
 
 
 def test_a_write_shows_its_frame_and_is_sent_after_yes() -> None:

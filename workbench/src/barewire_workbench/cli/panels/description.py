@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from typing import Any
 
@@ -14,15 +15,21 @@ from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.dry_run import address_text, frames_of
 from barewire_workbench.cli.shown_frames import ShownFrames
 from barewire_workbench.cli.value_text import parse_value
-from barewire_workbench.settings.rules import SettingRules
+from barewire_workbench.settings.rules import KeptSetting, SettingRules
 
 
-def value_to_write(device: Device, name: str, text: str) -> tuple[Parameter, Any]:
-    """Return a parameter and its value in a text. Raises BarewireError for what cannot be written."""
+def value_to_write(
+    device: Device, name: str, text: str, menus: Mapping[str, KeptSetting]
+) -> tuple[Parameter, Any, dict[str, Any]]:
+    """Return a parameter, its value in a text, and what is written for it, by name in this order: for a setting of a
+    menu the numbers of the menu first. Raises BarewireError for what cannot be written."""
+    if (setting := menus.get(name)) is not None:
+        value = parse_value(setting.parameter, text)
+        return setting.parameter, value, {**setting.select, setting.read_as: value}
     parameter = device.find(name)
     value = parse_value(parameter, text)
     ((parameter, _),) = to_write(device, {parameter.name: value}, False)
-    return parameter, value
+    return parameter, value, {parameter.name: value}
 
 
 def planned_frames(endpoint: str, device: Device, values: Mapping[str, Value]) -> list[tuple[str, str]]:
@@ -66,7 +73,25 @@ def description(device: Device, endpoint: str) -> dict[str, Any]:
             ],
         }
     ramp = _ramp(device, is_can)
-    return {"device": device.name, "endpoint": endpoint, "groups": groups, "drive": drive, "ramp": ramp}
+    first = _first_group(device, groups, ramp)
+    return {"device": device.name, "endpoint": endpoint, "groups": groups, "first": first, "drive": drive, "ramp": ramp}
+
+
+def _first_group(device: Device, groups: Mapping[str, list[dict[str, Any]]], ramp: dict[str, Any] | None) -> str:
+    """Return the group that opens: that with most of what tells how the machine moves, by the roles of a drive or the
+    traces of a ramp; then most measured values with a unit, then most values that only the machine changes. Rows
+    that differ by a number, such as those of a log, count once."""
+    roles = {role for role in device.drive or () if isinstance(role, str)}
+    roles |= {ramp["status"], *ramp["traces"]} if ramp else set()
+
+    def rank(group: str) -> tuple[int, int, int, bool]:
+        rows = [row for row in groups[group] if row["access"] == "ro"]
+        kinds = {re.sub(r"\d+", "", row["name"]): row for row in rows}
+        moving = sum(row["name"] in roles for row in rows)
+        is_readable = any(row["access"] != "wo" for row in groups[group])
+        return moving, sum(bool(row["unit"]) for row in kinds.values()), len(kinds), is_readable
+
+    return max(groups, key=rank, default="")
 
 
 def _ramp(device: Device, is_can: bool) -> dict[str, Any] | None:

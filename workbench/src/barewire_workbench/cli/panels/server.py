@@ -35,7 +35,6 @@ from barewire_workbench.cli.dry_run import address_text, raw_text
 from barewire_workbench.cli.panels.description import description, planned_frames, value_to_write
 from barewire_workbench.cli.panels.line import Busy, PanelLine
 from barewire_workbench.cli.panels.world import SimulatedWorld
-from barewire_workbench.cli.value_text import parse_value
 
 _FILES = files("barewire_workbench.cli.panels") / "page"
 _KINDS = {"html": "text/html", "css": "text/css", "js": "text/javascript"}
@@ -226,9 +225,7 @@ class PanelServer:
     async def _plan(self, request: Request) -> Response:
         """Answer what would be written."""
         try:
-            parameter, value = self._asked(request)
-            setting = self.line.menus.get(parameter.name)
-            values = {parameter.name: value} if setting is None else {**setting.select, setting.read_as: value}
+            parameter, value, values = self._asked(request)
             answer = {
                 "name": parameter.name,
                 "value": parameter.text(value),
@@ -243,7 +240,7 @@ class PanelServer:
     async def _write(self, request: Request) -> Response:
         """Write, and answer what the device has then."""
         try:
-            parameter, value = self._asked(request)
+            parameter, value, _ = self._asked(request)
             result = await asyncio.wrap_future(self.line.write(parameter.name, value))
         except Busy as error:
             return _problem(str(error), 503)
@@ -274,15 +271,13 @@ class PanelServer:
         self._notify()
         return _answer({"result": f"{name}: {text or 'off'}"})
 
-    def _asked(self, request: Request) -> tuple[Parameter, Any]:
-        """Return the parameter and the value of a request. Raises BarewireError for what cannot be written."""
+    def _asked(self, request: Request) -> tuple[Parameter, Any, dict[str, Any]]:
+        """Return the parameter, the value, and what is written for it. Raises BarewireError."""
         name, text = _named_text(request)
-        if (setting := self.line.menus.get(name)) is not None:
-            return setting.parameter, parse_value(setting.parameter, text)
-        parameter = self.line.device.find(name)
-        if text.startswith("@") and parameter.type in ("octets", "domain"):
-            raise BarewireError(f"{parameter.name}: a browser names no file of this machine: expected bytes")
-        return value_to_write(self.line.device, parameter.name, text)
+        menus = self.line.menus
+        if text.startswith("@") and name not in menus and self.line.device.find(name).type in ("octets", "domain"):
+            raise BarewireError(f"{name}: a browser names no file of this machine: expected bytes")
+        return value_to_write(self.line.device, name, text, menus)
 
 
 def _named_text(request: Request) -> tuple[str, str]:

@@ -4,4 +4,5 @@ heard      what `sniff --live` hears: rows, findings, rates, a filter; one threa
 screen     what both screens have: a list that scrolls, questions, signals
 sniffing   the screen of `sniff --live`
 machine    the screen of `panel --terminal`
+scope      values over time, drawn with bars, on that screen
 """

@@ -1,4 +1,4 @@
-"""The screen of `panel --terminal`: values by group, the frames of the line, writes with a confirmation.
+"""The screen of `panel --terminal`: values by group, the frames of the line, a scope, writes with a confirmation.
 
 It shows what `PanelLine` polls, as the page for browsers does, and nothing else is polled than what it shows.
 """
@@ -6,6 +6,7 @@ It shows what `PanelLine` polls, as the page for browsers does, and nothing else
 from __future__ import annotations
 
 import asyncio
+import re
 from contextlib import ExitStack
 from typing import Any, ClassVar
 
@@ -19,6 +20,7 @@ from barewire.devices.cia402 import state_of
 from barewire.errors import BarewireError
 from barewire_workbench.cli.panels.description import description, planned_frames, value_to_write
 from barewire_workbench.cli.panels.line import NOT_ASKED, KeptFrame, PanelLine, running
+from barewire_workbench.cli.terminal.scope import MOST_TRACES, Scope
 from barewire_workbench.cli.terminal.screen import (
     FAINT,
     LAST_BINDINGS,
@@ -52,6 +54,9 @@ class MachineScreen(TerminalApp):
     #frames { border-top: solid $primary; height: 1fr; }
     #below { border-top: solid $primary; height: 1fr; }
     .-wide #below { height: 2fr; }
+    #scope { display: none; border-top: solid $primary; height: 2fr; }
+    .-scope #scope { display: block; }
+    .-scope #frames, .-narrow .-scope #below { display: none; }
     #frames:focus, #below:focus { border-top: heavy $primary; }
     """
     BINDINGS: ClassVar[list[Any]] = [
@@ -59,8 +64,12 @@ class MachineScreen(TerminalApp):
         Binding("g,right", "group(1)", "Group"),  # a list has the key of its own: it shows no other use of it
         Binding("enter", "write", "Write"),
         Binding("c", "command", "Command"),
-        Binding("space", "hold", "Hold"),
+        Binding("space", "hold", show=False),  # with it 80 columns do not have all
         Binding("d", "diagnosis", "Diagnosis"),
+        Binding("p", "plot", "Plot"),
+        Binding("s", "scope", "Scope"),
+        Binding("t", "span", show=False),
+        Binding("r", "read", show=False),
         *LAST_BINDINGS,
     ]
     HELP = """
@@ -72,6 +81,9 @@ c             commands of a drive, from the state in which it is
 /             only values with this text in their name; Esc: all
 space         stop the list of frames, or go on
 d             the diagnosis of the last frames, or the explanation again
+p             draw the chosen value over time, or no longer; four at most
+s, t          the scope instead of the frames; 60, 600 or 10 seconds of it
+r             read a setting of a menu, whose numbers are written for that
 ?, q          these keys; quit
 """
     TITLE = "barewire panel --terminal"
@@ -80,9 +92,16 @@ d             the diagnosis of the last frames, or the explanation again
         super().__init__()
         self.line, self.writable = line, writable
         self._device = description(line.device, line.endpoint)
-        self._names: list[str] = [*self._device["groups"]]
-        readable = (any(row["access"] != "wo" for row in rows) for rows in self._device["groups"].values())
-        self._group = next((place for place, is_readable in enumerate(readable) if is_readable), 0)
+        ramp, groups = self._device["ramp"], self._device["groups"]
+        self._rows = {row["name"]: row for rows in groups.values() for row in rows}
+        if ramp:
+            self._rows |= {row["name"]: row for row in ramp["settings"]}
+            names = (ramp["status"], ramp["start"], ramp["stop"], *(row["name"] for row in ramp["settings"]))
+            self._device["groups"] = groups = {"Ramp": [self._rows[name] for name in names]} | groups
+        self._names: list[str] = [*groups]
+        self._group = 0 if ramp else self._names.index(self._device["first"])
+        self._scope = Scope(ramp["traces"] if ramp else ())
+        self._polls = 0
         self._text = ""
         self._values: dict[str, tuple[Any, str, str]] = {}  # value, text, why there is none
         self._revision = 0
@@ -102,12 +121,13 @@ d             the diagnosis of the last frames, or the explanation again
         self._list, self._frames = RowList(self._draw_value, id="values"), RowList(self._draw_frame, id="frames")
         self._lower = Lines(id="below")
         yield from (self._state, self._groups)
-        with Container(id="both"):
+        self._both = Container(id="both", classes="-scope" if self._scope.names else "")
+        with self._both:
             yield self._list
             with Vertical(id="right"):
-                yield from (self._frames, self._lower)
+                yield from (self._frames, self._scope, self._lower)
         yield FilterLine("a part of the name")
-        yield Footer()
+        yield Footer(compact=True)
 
     def on_mount(self) -> None:
         """Begin to look at the first group."""
@@ -122,14 +142,18 @@ d             the diagnosis of the last frames, or the explanation again
     # Values and frames
 
     def _show_group(self) -> None:
-        """Show a group, and have it polled, with the status word of a drive."""
+        """Show a group, and have it polled, with the traces of the scope and the status of a drive."""
         rows = [row for row in self._device["groups"][self._names[self._group]] if self._text in row["name"].lower()]
-        drive = self._device["drive"]
-        self._polled = [row["name"] for row in rows if row["access"] != "wo"] + ([drive["status"]] if drive else [])
+        self._list.show(rows, 0)
+        self._look_at_shown()
+
+    def _look_at_shown(self) -> None:
+        moving = self._device["drive"] or self._device["ramp"]
+        self._polled = [row["name"] for row in self._list.rows if row["access"] != "wo"] + self._scope.names
+        self._polled += [moving["status"]] if moving else []
         self._looking.close()
         self._looking.enter_context(self.line.look_at(self._polled))
         self._revision = 0
-        self._list.show(rows, 0)
         self.look()
 
     def look(self) -> None:
@@ -140,6 +164,11 @@ d             the diagnosis of the last frames, or the explanation again
             self._values |= changes["values"]
             self._is_alive = changes["alive"]
             self._list.refresh()
+        if changes["polls"] != self._polls or not self._is_alive:
+            self._polls = changes["polls"]
+            cells = {name: self._values.get(name, (None, "…", "")) for name in self._scope.names}
+            numbers = {name: cell[0] for name, cell in cells.items() if self._is_alive and cell[0] is not None}
+            self._scope.take(changes["at"], numbers, {name: cell[2] or cell[1] for name, cell in cells.items()})
         if not self._holding and len(frames := list(self.line.frames)) and frames[-1] is not self._newest:
             self._newest = frames[-1]
             self._frames.show(frames, len(frames) - 1)
@@ -151,7 +180,7 @@ d             the diagnosis of the last frames, or the explanation again
     def _show_state(self, changes: dict[str, Any]) -> None:
         state = Text()
         if changes["alive"]:
-            state.append("connected", "green").append(f"  {self.drive_state or ''}", "bold")
+            state.append("connected", "green").append(f"  {self.motor_state or ''}", "bold")
         elif changes["problem"] == NOT_ASKED:
             state.append(NOT_ASKED, FAINT)
         else:
@@ -181,8 +210,14 @@ d             the diagnosis of the last frames, or the explanation again
         except BarewireError:
             return f"{value:04X}h is no state of CiA 402"
 
+    @property
+    def motor_state(self) -> str | None:
+        """The state of a drive, or the status of a motor with a ramp."""
+        ramp = self._device["ramp"]
+        return self._values.get(ramp["status"], (None, ""))[1] if ramp else self.drive_state
+
     def _draw_value(self, row: dict[str, Any], width: int) -> Text:
-        _, text, problem = self._values.get(row["name"], (None, "…", ""))
+        _, text, problem = self._values.get(row["name"], (None, "not read" if "menu" in row else "…", ""))
         if row["access"] == "wo":
             text = "write only"
         limits = f"{row['range']} {row['unit']}".strip() if row["range"] else ""
@@ -256,6 +291,38 @@ d             the diagnosis of the last frames, or the explanation again
         self._diagnosing = not self._diagnosing
         self._show_below()
 
+    def action_scope(self) -> None:
+        """Show the scope instead of the frames, or the frames again."""
+        self._both.toggle_class("-scope")
+
+    def action_span(self) -> None:
+        """Show another time in the scope."""
+        self._scope.next_span()
+
+    def action_plot(self) -> None:
+        """Draw the chosen value over time, or no longer."""
+        row = self._list.chosen
+        if row is None or not self._list.has_focus:
+            return
+        if row["access"] == "wo" or "menu" in row or not re.match(r"[uif]\d", row["type"]):
+            self.say(f"{row['name']} is no number that is polled", wrong=True)
+        elif row["name"] not in self._scope.names and len(self._scope.names) == MOST_TRACES:
+            self.say(f"{MOST_TRACES} values are drawn: p removes one of them", wrong=True)
+        else:
+            self._scope.switch(row["name"])
+            self._both.add_class("-scope")
+            self._look_at_shown()
+
+    def action_read(self) -> None:
+        """Read the chosen setting of a menu."""
+        row = self._list.chosen
+        if row is None or "menu" not in row:
+            self.say("r reads a setting behind the numbers of a menu; other values are polled", wrong=True)
+        elif self.writable:
+            self.run_worker(self._send(row["name"], row["name"], None))
+        else:
+            self.say(_ONLY_READS, wrong=True)
+
     def action_hold(self) -> None:
         """Stop the list of frames, or go on."""
         self._holding = not self._holding
@@ -310,16 +377,17 @@ d             the diagnosis of the last frames, or the explanation again
     async def write(self, name: str, text: str | None = None) -> None:
         """Ask for the value, unless it is given, show the frames, and write once the user has said yes."""
         device, problem = self.line.device, list[tuple[str, bool]]()
-        (about,) = (row for rows in self._device["groups"].values() for row in rows if row["name"] == name)
+        about = self._rows[name]
         while True:
             typed = text
             if typed is None:
-                typed = await self.push_screen_wait(Ask(f"Write {name}", problem + self._about(about), text=""))
+                first = next(iter(about["values"]), "") if about["access"] == "wo" else ""
+                typed = await self.push_screen_wait(Ask(f"Write {name}", problem + self._about(about), text=first))
             if typed is None:
                 return
             try:
-                parameter, value = value_to_write(device, name, typed)
-                frames = planned_frames(self.line.endpoint, device, {parameter.name: value})
+                parameter, value, values = value_to_write(device, name, typed, self.line.menus)
+                frames = planned_frames(self.line.endpoint, device, values)
                 break
             except BarewireError as error:
                 problem, text = [(str(error), True)], None
@@ -327,12 +395,16 @@ d             the diagnosis of the last frames, or the explanation again
         lines += [(row, False) for digits, verdict in frames for row in (digits, f"  {verdict}")]
         if await self.push_screen_wait(Ask(f"Write {name}?", [*lines, ("y: send", False)], keys="y")) is None:
             return
+        await self._send(name, f"{name} = {parameter.text(value)}", value)
+
+    async def _send(self, name: str, about: str, value: Any) -> None:
+        """Have a value written, or a setting of a menu read (None), and say what came of it."""
         try:
             result = await asyncio.wrap_future(self.line.write(name, value))
         except BarewireError as error:
             self.say(str(error), wrong=True)
         else:
-            self.say(f"{name} = {parameter.text(value)}, {result}")
+            self.say(f"{about}, {result}")
 
 
 def show_machine(line: PanelLine, *, writable: bool) -> int:

@@ -235,7 +235,5 @@ if (device.ramp) {
   scope.choose(device.ramp.traces, () => {});
 }
 if (device.world) takeWorld = showWorld(at("world"), (path, name, text) => posted(path, { name, text }));
-// The group that opens: that with most values which only the machine changes.
-const measured = (group) => device.groups[group].filter((parameter) => parameter.access === "ro").length;
-at("group").value = Object.keys(device.groups).reduce((best, group) => (measured(group) > measured(best) ? group : best));
+at("group").value = device.first;
 showGroup(at("group").value);
