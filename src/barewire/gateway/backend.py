@@ -377,7 +377,7 @@ class ModbusBackend(Backend):
     def _is_ready(self, lane: Lane) -> bool:
         if self.options.lifetime and not self.under_way and self.is_connected and self._is_too_old(self._loop.time()):
             self.connection.drop(f"it is {self.options.lifetime:g} s old")
-        return self.connection.open_box(lane) is not None
+        return self.connection.usable_box(lane) is not None
 
     def _may_open(self, now: float) -> bool:
         return self.connection.back_off.wait(now) <= 0.0

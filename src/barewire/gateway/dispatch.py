@@ -529,7 +529,7 @@ class Dispatcher:
         A number is the exception code in place of a response. With `is_silence` it counts as a request that the unit
         left unanswered; without, it says nothing about the unit. None: there is no response, and must be none.
         """
-        state = self.unit(exchange.unit)
+        state = self._units[exchange.unit]
         if exchange.queries[0].writes:
             self._changed(state)
         counters, took = state.counters, now - exchange.started

@@ -11,6 +11,7 @@ invalid header goes to all lines, so that each of them reports it. Transaction n
 from __future__ import annotations
 
 from collections.abc import Callable
+from functools import partial
 
 from barewire.tcp.frame import BEGINNING, LENGTHS, PREFIX
 from barewire.tcp.line import DatagramLine, TcpLine
@@ -37,13 +38,10 @@ class FanOut:
         self._asked: dict[int, int] = {}  # transaction -> place
         self._numbers = [-1] * count  # place -> its transaction, -1 before the first
         line_class = DatagramLine if datagrams else TcpLine
-        self.lines = [line_class(any_unit=any_unit, number=self._numbering(place)) for place in range(count)]
+        self.lines = [line_class(any_unit=any_unit, number=partial(self._number, place)) for place in range(count)]
 
     def __repr__(self) -> str:
         return f"<FanOut: {len(self.lines)} lines>"
-
-    def _numbering(self, place: int) -> Callable[[], int]:
-        return lambda: self._number(place)
 
     def _number(self, place: int) -> int:
         self._asked.pop(self._numbers[place], None)

@@ -173,16 +173,22 @@ class AsyncConnection(ConnectionBase):
             self.drop(str(lane.bus.line.broken or box.lost or error))
 
     def open_box(self, lane: Lane) -> Mailbox | None:
+        """Return the lane's mailbox if it is connected in this event loop."""
+        box = lane.box
+        if box is not None and box.lost is None and box.loop is not asyncio.get_running_loop():
+            if box.loop.is_closed():
+                return None
+            raise PortError("the client is connected in another event loop: close it there, or use a client for each")
+        return self.usable_box(lane)
+
+    @staticmethod
+    def usable_box(lane: Lane) -> Mailbox | None:
         """Return the lane's mailbox if it is connected. Bytes received since the last request go to the bus first."""
         box = lane.box
         if box is None or box.lost is not None:
             return None
-        if box.loop is not asyncio.get_running_loop():
-            if box.loop.is_closed():
-                return None
-            raise PortError("the client is connected in another event loop: close it there, or use a client for each")
         while box.chunks and (data := box.take()) is not None:
-            lane.bus.overhear(data, asyncio.get_running_loop().time())
+            lane.bus.overhear(data, box.loop.time())
         return box if lane.bus.line.broken is None else None
 
     async def open(self, lane: Lane, patience: float) -> Mailbox:

@@ -363,8 +363,10 @@ class Server:
     def _reply_with(self, adu: Adu, pdu: bytes, at: float) -> Reply:
         """Return the reply with this response, sent at this time at the earliest, and count it."""
         self.statistics.replies += 1
-        self._sent = Adu(adu.unit, pdu)
-        return Reply(self.line.response(adu, pdu), max(self.line.quiet_at, at), adu.pdu)
+        if self.serial:
+            self._sent = Adu(adu.unit, pdu)
+            at = max(self.line.quiet_at, at)
+        return Reply(self.line.response(adu, pdu), at, adu.pdu)
 
     def _overload(self, pdu: bytes) -> bytes | None:
         """Return the response to a request beyond the limit of transactions."""
