@@ -18,9 +18,9 @@ from barewire.devices import load
 from barewire_workbench.eds.export import export
 from barewire_workbench.recordings.capture import file_header, packet_block, to_packet
 from tests.website.accessibility import SCREENS, serious_faults
+from tools.website import screenshots
 from tools.website.browser import chromium
 from tools.website.explorer import build
-from tools.website.screenshots import served
 from tools.website.source import ROOT
 
 pytestmark = [pytest.mark.needs("chromium"), pytest.mark.long]
@@ -36,7 +36,7 @@ def address(tmp_path_factory: pytest.TempPathFactory) -> Iterator[str]:
     """Yield the URL of an explorer that was built now."""
     site = tmp_path_factory.mktemp("site")
     build(site / "explorer")
-    with served(site) as url:
+    with screenshots.served(site) as url:
         yield f"{url}/explorer/index.html"
 
 
@@ -106,16 +106,27 @@ def test_python_that_cannot_be_loaded_is_said(browser: Browser, address: str) ->
     context.close()
 
 
-def test_the_next_visit_needs_no_network(browser: Browser, address: str) -> None:
+def test_the_next_visit_asks_the_server_only_whether_there_is_a_new_version_and_needs_no_network(
+    browser: Browser, address: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    asked: list[str] = []
+    monkeypatch.setattr(screenshots._Handler, "log_request", lambda handler, *_: asked.append(handler.path))
     context = browser.new_context()
     page = context.new_page()
     page.set_default_timeout(_LOADED)
     page.goto(address)
     page.evaluate("navigator.serviceWorker.ready.then(() => true)")
-    context.set_offline(True)
-    page.goto(f"{address}#view=frame&protocol=can&text=605%234041600000000000")
-    page.reload()
-    expect(said(page)).to_contain_text("SDO")
+    assert "/explorer/package.zip" in asked
+    page.close()
+    asked.clear()
+    for text, service in (("605%234041600000000000", "SDO"), ("705%2300", "boot-up")):
+        page = context.new_page()  # the link is opened online, then offline
+        page.set_default_timeout(_LOADED)
+        page.goto(f"{address}#view=frame&protocol=can&text={text}")
+        expect(said(page)).to_contain_text(service)
+        page.close()
+        context.set_offline(True)
+    assert set(asked) <= {"/explorer/sw.js"}
     context.close()
 
 

@@ -232,6 +232,40 @@ def test_without_the_token_the_page_says_how_to_get_it(browser: Browser, url: st
     page.close()
 
 
+@pytest.mark.proof
+@pytest.mark.parametrize(("width", "scheme"), SCREENS)
+def test_nothing_serious_is_found_in_ramp_faults_diagnosis_and_the_frames_of_a_write(
+    browser: Browser, width: int, scheme: Literal["light", "dark"]
+) -> None:
+    def check(step: str) -> None:
+        assert page.evaluate("document.documentElement.scrollWidth") <= width, step
+        assert serious_faults(page) == [], step
+
+    with served("adxl", "rtu://pty") as panel:
+        page = opened(browser, panel.url, width, scheme)
+        expect(page.locator("#ramp .plot canvas")).to_be_visible(timeout=LOADED)
+        page.locator("#ramp").get_by_role("button", name="Write P01.04 acceleration time").click()
+        for text, shown in (("many", "#plan .bad"), ("120", "#plan .frame >> nth=3")):
+            page.get_by_label("New value").fill(text)
+            page.keyboard.press("Enter")
+            expect(page.locator(shown)).to_be_visible(timeout=LOADED)
+            check(f"a write of {text}")
+        page.get_by_role("button", name="Send it").click()
+        expect(page.locator("#write-result.good")).to_be_visible(timeout=LOADED)
+        check("a write with its result")
+        page.keyboard.press("Escape")
+        page.locator("#world summary").click()
+        world = page.locator("#world")
+        world.get_by_label("exception: percent of the responses").fill("100")
+        world.get_by_role("switch", name="exception").press("Space")
+        expect(page.locator("#diagnosis li").first).to_be_visible(timeout=LOADED)
+        page.get_by_role("button", name="Hold").click()
+        page.locator("#frames button").last.click()
+        expect(page.locator("#explained table")).to_be_visible(timeout=LOADED)
+        check("faults and their diagnosis")
+        page.close()
+
+
 @pytest.mark.parametrize(("width", "scheme"), SCREENS)
 def test_nothing_serious_is_found_and_nothing_is_wider_than_the_page(
     browser: Browser, url: str, width: int, scheme: Literal["light", "dark"]
