@@ -13,10 +13,17 @@ from barewire.canopen import CanFrame
 from barewire.canopen.frame import ErrorFrame
 from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint
+from barewire.io.ports.can import socketcand
 from barewire.io.ports.can.python_can import CanPort
 from barewire.io.ports.can.socketcand import read_hub_answer
 from barewire.io.server.can import SocketcandHub
 from tests.helpers import free_port, refused
+
+
+@pytest.fixture(autouse=True)
+def patience(monkeypatch: pytest.MonkeyPatch) -> None:
+    """A busy machine may take longer to join the hub than the few seconds of a client."""
+    monkeypatch.setattr(socketcand, "HANDSHAKE_TIMEOUT", 30.0)
 
 
 @pytest.fixture
@@ -41,8 +48,8 @@ def test_frames_of_one_client_go_to_all_others(port: int) -> None:
             CanFrame(0x181, b"\x01", extended=True),
         ):
             one.send(frame)
-            assert two.receive(2.0) == frame
-            assert three.receive(2.0) == frame
+            assert two.receive(30.0) == frame
+            assert three.receive(30.0) == frame
         assert one.receive(0.05) is None
     finally:
         for connection in (one, two, three):
@@ -68,10 +75,10 @@ def test_frames_of_one_client_go_to_all_others(port: int) -> None:
 def test_messages_that_are_not_frames_are_not_passed_on(port: int, message: bytes) -> None:
     one, two = member(port), member(port)
     try:
-        with socket.create_connection(("127.0.0.1", port), timeout=5) as foreign:
+        with socket.create_connection(("127.0.0.1", port), timeout=30) as foreign:
             foreign.sendall(b"< open can0 >< rawmode >" + message)
             one.send(CanFrame(0x123, b"\x01"))
-            assert two.receive(2.0) == CanFrame(0x123, b"\x01")
+            assert two.receive(30.0) == CanFrame(0x123, b"\x01")
             assert two.receive(0.05) is None
     finally:
         one.close()
@@ -89,7 +96,7 @@ def read_until(connection: socket.socket, end: bytes) -> None:
 def test_a_client_is_on_the_bus_that_it_opened_last_and_a_bus_without_clients_is_forgotten() -> None:
     number = free_port()
     with closing(SocketcandHub("127.0.0.1", number)) as hub:
-        with socket.create_connection(("127.0.0.1", number), timeout=5) as foreign:
+        with socket.create_connection(("127.0.0.1", number), timeout=30) as foreign:
             read_until(foreign, b"< hi >")
             for name in ("a", "b"):
                 foreign.sendall(f"< open {name} >< rawmode >".encode())
@@ -120,7 +127,7 @@ def test_a_client_that_sends_but_never_reads_is_not_read_either() -> None:
         assert writer.transport.get_write_buffer_size() < 0x40000
         one, two = member(number), member(number)
         one.send(CanFrame(0x123))
-        assert two.receive(2.0) == CanFrame(0x123)
+        assert two.receive(30.0) == CanFrame(0x123)
         one.close()
         two.close()
 
@@ -145,14 +152,14 @@ def server_that_answers(*answers: bytes) -> Iterator[int]:
         thread = threading.Thread(target=serve)
         thread.start()
         yield int(listener.getsockname()[1])
-        thread.join(timeout=5.0)
+        thread.join(timeout=30.0)
 
 
 def test_a_frame_that_comes_along_with_the_last_ok_is_received() -> None:
     """As on a bus with traffic: TCP does not separate the answer from the first frame."""
     with server_that_answers(b"< ok >", b"< ok >< frame 705 1795373683.431301 00 >< frame 181") as port:
         joined = member(port)
-        assert joined.receive(2.0) == CanFrame(0x705, b"\x00")
+        assert joined.receive(30.0) == CanFrame(0x705, b"\x00")
         joined.close()
 
 
@@ -161,12 +168,16 @@ def test_a_frame_that_comes_along_with_the_last_ok_is_received() -> None:
     [
         ((b"< error could not open bus >",), "expected '< ok >' from the socketcand server, received '< error could"),
         ((b"< ok >", b"x" * 300), "expected '< ok >' from the socketcand server, received 'xxxx"),
-        ((b"< ok >", b"< o"), "timed out"),
     ],
 )
-def test_another_answer_is_an_error(answers: tuple[bytes, ...], message: str, monkeypatch: pytest.MonkeyPatch) -> None:
-    monkeypatch.setattr("barewire.io.ports.can.socketcand.HANDSHAKE_TIMEOUT", 0.3)
+def test_another_answer_is_an_error(answers: tuple[bytes, ...], message: str) -> None:
     with server_that_answers(*answers) as port, refused(PortError, message):
+        member(port)
+
+
+def test_an_answer_that_does_not_end_is_an_error(monkeypatch: pytest.MonkeyPatch) -> None:
+    monkeypatch.setattr(socketcand, "HANDSHAKE_TIMEOUT", 1.0)
+    with server_that_answers(b"< ok >", b"< o") as port, refused(PortError, "timed out"):
         member(port)
 
 
@@ -196,7 +207,7 @@ def test_a_message_that_is_no_frame_is_garbled_and_the_frames_around_it_are_rece
     with server_that_answers(b"< ok >", b"< ok >" + before + message + behind) as port:
         joined = member(port)
         try:
-            assert [str(joined.receive(2.0)) for _ in range(3)] == ["181#01", "182#", "00000183#0102"]
+            assert [str(joined.receive(30.0)) for _ in range(3)] == ["181#01", "182#", "00000183#0102"]
             assert joined.receive(0.05) is None
             assert joined.garbled == 1
         finally:
@@ -207,7 +218,7 @@ def test_a_message_without_an_end_is_dropped_and_the_port_goes_on() -> None:
     with server_that_answers(b"< ok >", b"< ok >" + b"<" * 3000 + b">< frame 182 1.0 >") as port:
         joined = member(port)
         try:
-            assert joined.receive(2.0) == CanFrame(0x182)
+            assert joined.receive(30.0) == CanFrame(0x182)
             assert joined.garbled > 0
         finally:
             joined.close()
@@ -228,10 +239,10 @@ def test_a_bus_of_a_server_that_hangs_up_later_fails() -> None:
     with server_that_answers(b"< ok >", b"< ok >< frame 181 1.0 01 >") as port:
         joined = member(port)
         try:
-            assert joined.receive(2.0) == CanFrame(0x181, b"\x01")
+            assert joined.receive(30.0) == CanFrame(0x181, b"\x01")
             joined._bus._tcp_send("< end >")  # type: ignore[attr-defined]  # the server above closes then
             with refused(PortError, "the server hung up"):
-                joined.receive(2.0)
+                joined.receive(30.0)
         finally:
             joined.close()
 
@@ -249,7 +260,8 @@ def test_an_answer_that_arrives_in_drops_is_awaited_for_the_same_time(monkeypatc
             clock[0] += 1.0
             return b"x"
 
-    monkeypatch.setattr("barewire.io.ports.can.socketcand.monotonic", lambda: clock[0])
+    monkeypatch.setattr(socketcand, "HANDSHAKE_TIMEOUT", 3.0)
+    monkeypatch.setattr(socketcand, "monotonic", lambda: clock[0])
     with pytest.raises(TimeoutError, match="timed out"):
         read_hub_answer(Connection())  # type: ignore[arg-type]
     assert clock[0] == 3.0
