@@ -43,7 +43,7 @@ def peer(*handlers: Callable[[socket.socket], None]) -> Iterator[int]:
     finally:
         listener.shutdown(socket.SHUT_RDWR)
         listener.close()
-        thread.join(5)
+        thread.join(30)
         for connection in open_now:
             connection.close()
 

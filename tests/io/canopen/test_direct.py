@@ -68,7 +68,7 @@ class KeepingPort:
 
 @contextmanager
 def client_on(port: KeepingPort) -> Iterator[CanopenClient]:
-    with CanopenClient(port, node=5, timeout=5.0) as client:
+    with CanopenClient(port, node=5, timeout=30.0) as client:
         yield client
     assert port.closed
 

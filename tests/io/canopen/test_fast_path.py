@@ -105,7 +105,7 @@ def run(world: World, port: Any, calls: Calls, watch: Any = None) -> None:
     """Make the calls, which get the client and the port, with the client of a world."""
 
     with CanBus(port, lazy=world.lazy, watch=watch) as bus:
-        run_with(lambda client: calls(client, port), world.client, bus, node=5, timeout=5.0)
+        run_with(lambda client: calls(client, port), world.client, bus, node=5, timeout=30.0)
 
 
 def ignore(done: int, size: int | None) -> None:
@@ -294,7 +294,7 @@ def direct(request: pytest.FixtureRequest) -> bool:
 
 @contextmanager
 def client_on(port: KeepingPort, *, direct: bool, watch: Any = None) -> Iterator[CanopenClient]:
-    with CanBus(port, lazy=direct, watch=watch) as bus, CanopenClient(bus, node=5, timeout=5.0) as client:
+    with CanBus(port, lazy=direct, watch=watch) as bus, CanopenClient(bus, node=5, timeout=30.0) as client:
         yield client
 
 
@@ -457,7 +457,7 @@ def test_a_client_serves_one_loop_after_the_other_and_leaves_nothing_on_the_bus(
                 assert await client.node().sdo.upload(0x1000) == VALUE.data[4:]
 
         async def new_client() -> AsyncCanopenClient:
-            return AsyncCanopenClient(bus, node=5, timeout=5.0)
+            return AsyncCanopenClient(bus, node=5, timeout=30.0)
 
         client = asyncio.run(new_client())
         asyncio.run(read(client))

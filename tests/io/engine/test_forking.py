@@ -53,7 +53,7 @@ def use_and_close(client: Any) -> object:
 @EVERY_SCHEME_WITHOUT_TLS
 def test_a_client_that_was_opened_before_fork(scheme: str) -> None:
     url = f"{scheme}://{'pty?pace=0' if scheme in SERIAL else '127.0.0.1:0'}"
-    with ModbusServer(url, UNITS) as server, ModbusClient(server.url, timeout=5) as client:
+    with ModbusServer(url, UNITS) as server, ModbusClient(server.url, timeout=30) as client:
         assert client.read_holding_registers(1, 1) == (1,)
         assert in_child(lambda: use_and_close(client)) == f"PortError: {REFUSAL}"
         assert in_child(client.open) == f"PortError: {REFUSAL}"
@@ -64,7 +64,7 @@ def test_a_client_opened_in_the_child_works_and_so_does_one_without_a_connection
     with ModbusServer("tcp://127.0.0.1:0", UNITS) as server, ModbusClient(server.url, lazy=True) as lazy:
 
         def fresh() -> object:
-            with ModbusClient(server.url, timeout=5) as client:
+            with ModbusClient(server.url, timeout=30) as client:
                 return client.read_holding_registers(50, 1)
 
         assert in_child(fresh) == "(50,)"
@@ -84,7 +84,7 @@ def test_a_fork_during_a_request_of_another_thread() -> None:
 
         thread = threading.Thread(target=ask)
         thread.start()
-        assert sent.wait(5)
+        assert sent.wait(30)
         began = time.monotonic()
         assert in_child(lambda: use_and_close(client)) == f"PortError: {REFUSAL}"
         assert time.monotonic() - began < 60
@@ -95,7 +95,7 @@ def test_a_fork_during_a_request_of_another_thread() -> None:
 @pytest.mark.parametrize("in_flight", [1, 4])
 def test_an_asyncio_client(in_flight: int) -> None:
     async def main(url: str) -> None:
-        async with AsyncModbusClient(url, timeout=5, in_flight=in_flight) as client:
+        async with AsyncModbusClient(url, timeout=30, in_flight=in_flight) as client:
             assert await client.read_holding_registers(1, 1) == (1,)
 
             async def use() -> object:

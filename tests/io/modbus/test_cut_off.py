@@ -47,7 +47,7 @@ def test_a_line_that_is_unplugged_in_the_middle_of_an_exchange(wire: str, answer
     url = f"{wire}://{place}?timeout=5"
 
     def pull(terminal: PseudoTerminal) -> None:
-        while not terminal.receive(5.0):
+        while not terminal.receive(30.0):
             pass
         terminal.send(b":010"[:answered] if wire == "ascii" else b"\x01\x03\x02"[:answered])
         time.sleep(0.05)
@@ -71,7 +71,7 @@ def test_a_line_that_is_unplugged_in_the_middle_of_an_exchange(wire: str, answer
     with ModbusClient(url, recovery="wait", late_window=0.1) as client:
         with pytest.raises(PortError):
             client.read_holding_registers(7, 1)
-        thread.join(5)
+        thread.join(30)
         with ModbusServer(f"{wire}://{place}", units=full()):
             assert client.read_holding_registers(9, 1) == (9,)
     asyncio.run(main())

@@ -50,7 +50,7 @@ def test_in_watch(url: str, use: Callable[[ModbusClient], object]) -> None:
         if inside:
             use(client)
 
-    client = ModbusClient(url, timeout=5, watch=watch)
+    client = ModbusClient(url, timeout=30, watch=watch)
     error = ends(lambda: client.read_holding_registers(0, 1))
     assert isinstance(error, EncodeError)
     assert TEXT in str(error)
@@ -83,18 +83,18 @@ def test_in_a_handler_of_the_log(caplog: pytest.LogCaptureFixture) -> None:
 
 def test_another_client_may_be_used_in_a_callback(url: str) -> None:
     heard: list[Any] = []
-    with ModbusClient(url, timeout=5) as other:
+    with ModbusClient(url, timeout=30) as other:
 
         def watch(direction: str, data: bytes) -> None:
             heard.append(other.read_holding_registers(0, 1))
 
-        with ModbusClient(url, timeout=5, watch=watch) as client:
+        with ModbusClient(url, timeout=30, watch=watch) as client:
             assert ends(lambda: client.read_holding_registers(0, 1)) is None
     assert heard == [(0,), (0,)]
 
 
 def test_threads_that_wait_for_each_other_are_not_refused(url: str) -> None:
-    with ModbusClient(url, timeout=5) as client:
+    with ModbusClient(url, timeout=30) as client:
 
         def ask() -> None:
             for _ in range(200):

@@ -187,5 +187,5 @@ def test_an_echo_is_not_taken_for_an_answer(echo: str) -> None:
         for _ in range(3):
             assert client.read_holding_registers(0, 1) == (42,)
     stop.set()
-    thread.join(5)
+    thread.join(30)
     terminal.close()

@@ -88,7 +88,7 @@ def test_a_link_whose_terminal_got_other_permissions_is_opened(tmp_path: Path) -
     with ModbusServer(f"rtu://{link}", {1: Table()}) as server:
         link.chmod(0o666)
         os.utime(link, (0, 0), follow_symlinks=False)
-        with ModbusClient(server.url, timeout=5) as client:
+        with ModbusClient(server.url, timeout=30) as client:
             assert client.read_holding_registers(0, 1) == (0,)
 
 
@@ -127,7 +127,7 @@ def test_a_link_to_the_number_that_the_next_terminal_gets_is_replaced(
         return ours, theirs
 
     monkeypatch.setattr(os, "openpty", make_with_the_number_of_the_link)
-    with ModbusServer(f"rtu://{link}", {1: Table()}) as server, ModbusClient(server.url, timeout=5) as client:
+    with ModbusServer(f"rtu://{link}", {1: Table()}) as server, ModbusClient(server.url, timeout=30) as client:
         assert client.read_holding_registers(0, 1) == (0,)
 
 
@@ -141,7 +141,7 @@ def test_a_link_whose_terminal_is_gone(tmp_path: Path) -> None:
     (tmp_path / "meter").symlink_to("/dev/tty-meter")
     with refused(PortError, "meter: the link is broken: there is no /dev/tty-meter"):
         ModbusClient(f"rtu://{tmp_path}/meter")
-    with ModbusServer(f"rtu://{link}", {1: Table()}) as server, ModbusClient(server.url, timeout=5) as client:
+    with ModbusServer(f"rtu://{link}", {1: Table()}) as server, ModbusClient(server.url, timeout=30) as client:
         assert client.read_holding_registers(0, 1) == (0,)
 
 
@@ -179,7 +179,7 @@ def test_a_server_removes_only_its_own_link(tmp_path: Path) -> None:
     server = opened()
     with ModbusServer(f"rtu://{link}", {1: Table()}) as second:
         server.close()
-        with ModbusClient(second.url, timeout=5) as client:
+        with ModbusClient(second.url, timeout=30) as client:
             assert client.read_holding_registers(0, 1) == (0,)
     assert not os.path.lexists(link)
 

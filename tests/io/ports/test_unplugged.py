@@ -50,7 +50,7 @@ def test_an_adapter_that_was_unplugged_is_called_that(
         terminal.send(b"x")
         with refused(PortError, f"{terminal.path}: the device is gone: was the adapter unplugged?"):
             if method == "read":
-                port.receive(5.0)
+                port.receive(30.0)
             else:
                 port.send(b"x")
         port.close()
@@ -64,7 +64,7 @@ def test_a_pseudo_terminal_whose_program_ended_is_called_that() -> None:
     port = SerialPort.of(Endpoint.parse(f"rtu://{terminal.path}"))
     terminal.close()
     with refused(PortError, f"{terminal.path}: {gone}"):
-        port.receive(5.0)
+        port.receive(30.0)
     port.close()
 
     async def main() -> None:

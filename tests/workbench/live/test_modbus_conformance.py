@@ -136,7 +136,7 @@ def test_an_echo_is_not_taken_for_an_answer() -> None:
         results = again(lambda patience: list(islice(conform(Endpoint.parse(url + patience)), 8)))
     finally:
         stop.set()
-        thread.join(5)
+        thread.join(30)
         terminal.close()
     assert [result.failure for result in results if result.failure] == []
 
