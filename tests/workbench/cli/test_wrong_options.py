@@ -132,6 +132,7 @@ WRONG: list[tuple[tuple[str, ...], str]] = [
     (("simulate", "table", "tcp://127.0.0.1:0", "--set", "a=0"), "a table has no named values"),
     # explain
     (("explain", "rtx", "01"), "did you mean 'rtu'"),
+    (("explain", "01", "03"), 'expected one of rtu, ascii, tcp, can before it: explain rtu "01 04 0F B1 00 02 22 F8"'),
     (("explain", "rtu", "0G"), "'G' at 1 is not a hexadecimal digit"),
     (("explain", "can", "6G5#40"), "'G' is not a hexadecimal digit"),
     ((*EXPLAIN, "--role", "requst"), "did you mean 'request'?"),

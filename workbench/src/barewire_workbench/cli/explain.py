@@ -2,12 +2,14 @@
 
 from __future__ import annotations
 
+import re
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import click
 
-from barewire.errors import BarewireError, DecodeError, EncodeError
+from barewire.errors import BarewireError, DecodeError, EncodeError, shown
 from barewire_workbench import Explanation, explain_exchange, explain_text
 from barewire_workbench.api import explain_can_text
 from barewire_workbench.cli.arguments import Choice, format_option, json_option, known_nodes, nodes_option
@@ -20,8 +22,21 @@ from barewire_workbench.recordings.candump import log_line, parse_any_can
 from barewire_workbench.recordings.model import Recorded, Unread
 
 
+class _Protocol(Choice):
+    """The first word; a frame without it is an error that says where it belongs."""
+
+    def convert(self, value: Any, param: click.Parameter | None, ctx: click.Context | None) -> str:
+        """Return the word."""
+        if re.match(r"[:\d]|[0-9A-Fa-f]{2}\b", str(value)):
+            words = ", ".join(self.choices)
+            self.fail(
+                f'{shown(value)}: expected one of {words} before it: explain rtu "01 04 0F B1 00 02 22 F8"', param, ctx
+            )
+        return super().convert(value, param, ctx)
+
+
 @click.command("explain")
-@click.argument("protocol", type=Choice(["rtu", "ascii", "tcp", "can"]), metavar="rtu|ascii|tcp|can")
+@click.argument("protocol", type=_Protocol(["rtu", "ascii", "tcp", "can"]), metavar="rtu|ascii|tcp|can")
 @click.argument("frame", nargs=-1, required=True, metavar="HEX")
 @click.option("--check", is_flag=True, help="Exit with status 1 if the frame is not valid.")
 @click.option("--role", type=Choice(["request", "response"]), help="The direction; guessed if not given.")
