@@ -7,6 +7,7 @@ import inspect
 import random
 import re
 import socket
+import sysconfig
 import time
 from collections.abc import Callable, Iterable, Iterator
 from contextlib import suppress
@@ -27,6 +28,10 @@ Chunk = tuple[bytes | None, float]
 
 Peer = Callable[[bytes, float], Iterable[tuple[float, bytes]]]
 """The other end of the line, as `play` takes it."""
+
+BAREWIRE = f"{sysconfig.get_path('scripts')}/barewire"
+"""The command in a process of its own. `python -m barewire` looks through all installed packages for it first, which
+takes a fifth of the time of a short command."""
 
 PATIENCE = 30.0
 """Seconds that a test waits for what must happen on a real port: no busy machine takes so long."""

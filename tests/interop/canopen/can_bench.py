@@ -38,6 +38,8 @@ from tests.interop.canopen.can_hubs import hub
 
 Result = TypeVar("Result")
 NODE = 5
+PATIENCE = 30.0
+"""Seconds to wait for a frame where one must come: a busy computer may stand still for longer than the usual one."""
 ADDRESS = LssAddress(0x0000_0100, 0x0001_0000, 0x0000_0002, 0x8000_0001)  # few ones: each is a time-out in a fastscan
 TPDO_MAPPING = (0x60410010, 0x60FF0020)
 RPDO_MAPPING = (0x60400010, 0x60FF0020)
@@ -171,7 +173,7 @@ class Bench:
         """Return a device of the other library."""
         return self.network.create_node(NODE, dictionary_of_theirs())
 
-    def listen(self, machine: Any, until: Callable[[Any], bool], seconds: float = 30.0) -> Any:
+    def listen(self, machine: Any, until: Callable[[Any], bool], seconds: float = PATIENCE) -> Any:
         """Feed a machine of ours until it reports an event for which `until` is true; return that event."""
         end = time.monotonic() + seconds
         while (left := end - time.monotonic()) > 0:
@@ -181,7 +183,7 @@ class Bench:
                     return event
         raise AssertionError(f"no such event; seen: {', '.join(map(str, self.seen))}")
 
-    def wait(self, true: Callable[[], object], seconds: float = 30.0) -> None:
+    def wait(self, true: Callable[[], object], seconds: float = PATIENCE) -> None:
         """Wait until `true` returns a true value."""
         end = time.monotonic() + seconds
         while not true():
@@ -203,7 +205,9 @@ def device(node: int | None) -> LocalNode:
         Entry(0x60FF, 0, "target velocity", "i32", "rw", -25000),
     ]
     pdos = [PdoConfig("RPDO", 1, RPDO_MAPPING), PdoConfig("TPDO", 1, TPDO_MAPPING, type=1)]
-    return LocalNode(node, ObjectDictionary(objects), pdos, lss=LssSlave(ADDRESS, store=lambda number, rate: True))
+    local = LocalNode(node, ObjectDictionary(objects), pdos, lss=LssSlave(ADDRESS, store=lambda number, rate: True))
+    local.sdo.timeout = PATIENCE
+    return local
 
 
 def dictionary_of_theirs() -> Any:

@@ -8,40 +8,66 @@ from __future__ import annotations
 
 import os
 import subprocess
-import sys
-import tempfile
 import time
 from collections.abc import Callable, Iterator
-from contextlib import contextmanager
+from contextlib import closing, contextmanager
 from pathlib import Path
 
 from barewire.canopen import CanFrame, NmtCommand, NmtState, download, send_nmt
+from barewire.io.endpoint import Endpoint
+from barewire.io.ports.can.socketcan import SocketCanPort
+from tests.helpers import BAREWIRE
 from tests.interop.canopen.can_bench import ADDRESS, NODE, Bench
 from tests.interop.canopen.canopen_exchanges import exchange
 from tests.interop.canopen.guest import ROOT
 
 ONLY = ("socketcan",)
 BETWEEN_PROCESSES = ("slcan", "socketcand", "socketcan")
-LAST = "7FE#"
-BAREWIRE = (sys.executable, "-m", "barewire")
+
+
+class Candump:
+    """A candump that runs during all exchanges. Each of them has the lines between two marks on the bus."""
+
+    def __init__(self, written: Path) -> None:
+        self._written = written
+        self._port = SocketCanPort(Endpoint.parse("can://socketcan/vcan0"))
+        self._marks = 0
+
+    def mark(self) -> str:
+        """Send a frame that no other one is like."""
+        self._marks += 1
+        frame = CanFrame(0x7FE, self._marks.to_bytes(2, "big"))
+        self._port.send(frame)
+        return str(frame)
+
+    def lines_since(self, mark: str) -> list[str]:
+        """Return what candump wrote behind a mark, one line a frame."""
+        end = self.mark()  # sent after all other frames: once it is written, they are too
+        _until(lambda: end in self._written.read_text(encoding="ascii"), 20)
+        lines = self._written.read_text(encoding="ascii").splitlines()
+        first, last = (next(place for place, line in enumerate(lines) if text in line) for text in (mark, end))
+        return lines[first + 1 : last]
+
+    def close(self) -> None:
+        self._port.close()
 
 
 @contextmanager
-def candump() -> Iterator[list[str]]:
-    """Run candump during the block; afterwards the list has its output, one line a frame."""
+def candump(folder: Path) -> Iterator[Candump]:
+    """Run candump during the block; it writes into the folder."""
     before = _listeners()
+    path = folder / "candump.log"
     # A file, because a full pipe would block it; and a large receive buffer for the time that it is not scheduled.
-    with tempfile.NamedTemporaryFile("w+") as written:
-        with subprocess.Popen(["candump", "-L", "-r", "4000000", "vcan0"], stdout=written) as process:
-            lines: list[str] = []
-            try:
-                _until(lambda: _listeners() > before)
-                yield lines
-                cansend(LAST)  # sent after all other frames: once it is written, they are too
-                _until(lambda: LAST in Path(written.name).read_text(encoding="ascii"), 20)
-            finally:
-                process.terminate()
-        lines += [line for line in Path(written.name).read_text(encoding="ascii").splitlines() if LAST not in line]
+    with (
+        path.open("w") as written,
+        subprocess.Popen(["candump", "-L", "-r", "4000000", "vcan0"], stdout=written) as process,
+    ):
+        try:
+            _until(lambda: _listeners() > before)
+            with closing(Candump(path)) as running:
+                yield running
+        finally:
+            process.terminate()
 
 
 def _listeners() -> int:
@@ -79,7 +105,7 @@ def cansend(text: str) -> None:
 @contextmanager
 def simulated(bench: Bench) -> Iterator[None]:
     """Simulate the AZ3 by the command, in a process of its own."""
-    command = [*BAREWIRE, "simulate", "az3", f"{bench.third}?node={NODE}"]
+    command = [BAREWIRE, "simulate", "az3", f"{bench.third}?node={NODE}"]
     with subprocess.Popen(command, stdout=subprocess.PIPE, text=True, cwd=ROOT) as process:
         assert process.stdout is not None
         try:
@@ -172,7 +198,7 @@ def our_conformance_battery_over_socketcan(bench: Bench) -> None:
     url = f"{bench.third}?node={NODE}&timeout=1"  # a busy machine takes longer than 0.1 s
     with simulated(bench):
         done = subprocess.run(
-            [*BAREWIRE, "conform", url, "--only", "SDO-3,SDO-04,NMT-2,TPD-40"],
+            [BAREWIRE, "conform", url, "--only", "SDO-3,SDO-04,NMT-2,TPD-40"],
             capture_output=True, text=True, timeout=60, cwd=ROOT, env={**os.environ, "NO_COLOR": "1"}, check=False,
         )  # fmt: skip
     *lines, last = done.stdout.splitlines()

@@ -27,11 +27,8 @@ from barewire.canopen import (
     upload,
     write_pdo,
 )
-from tests.interop.canopen.can_bench import NODE, RPDO_MAPPING, TPDO_MAPPING, Bench
+from tests.interop.canopen.can_bench import NODE, PATIENCE, RPDO_MAPPING, TPDO_MAPPING, Bench
 from tests.interop.canopen.canopen_exchanges import LENGTHS, VALUES, counting, exchange
-
-PATIENCE = 30.0
-"""Seconds to wait for a response where one must come: a busy computer may stand still for longer than the usual one."""
 
 
 @exchange("master", "SDO expedited upload", "SDO expedited download")

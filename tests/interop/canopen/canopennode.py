@@ -26,6 +26,7 @@ from pathlib import Path
 
 import barewire
 from barewire.errors import BarewireError
+from tests.helpers import BAREWIRE
 from tests.interop.canopen.guest import in_guest
 
 OURS = "ours"
@@ -90,7 +91,7 @@ def conform(device: str, eds: str, *options: str) -> int:
     """Run the battery against the demo device."""
     with kept_running([device, "vcan0", "-i", str(NODE)], "device"):
         with_factory_settings(NODE)
-        command = [sys.executable, "-m", "barewire", "conform", f"{BUS}?node={NODE}&timeout=0.2", "--eds", eds]
+        command = [BAREWIRE, "conform", f"{BUS}?node={NODE}&timeout=0.2", "--eds", eds]
         return subprocess.run([*command, *options], check=False).returncode
 
 
@@ -104,7 +105,7 @@ def scripts(tests: str, cocomm: str, gateway: str, device: str, eds: str, gatewa
         else:
             stack.enter_context(kept_running([device, "vcan0", "-i", str(NODE)], "device"))
         if gateway == OURS:
-            serve = [sys.executable, "-m", "barewire", "canopen-gateway", BUS, "--node-id", str(GATEWAY_NODE)]
+            serve = [BAREWIRE, "canopen-gateway", BUS, "--node-id", str(GATEWAY_NODE)]
             own_objects = ["--eds", gateway_eds] if gateway_eds else []
             stack.enter_context(kept_running([*serve, "--listen", f"127.0.0.1:{PORT}", *own_objects], "gateway"))
             environment |= {"cocomm_host": "127.0.0.1", "cocomm_port": str(PORT)}

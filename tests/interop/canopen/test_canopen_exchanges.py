@@ -17,7 +17,7 @@ import pytest
 import tests.interop.canopen.canopen_master_exchanges  # noqa: F401 - registers its exchanges
 from tests.interop.canopen.can_bench import Carriers, bench_on, services_in
 from tests.interop.canopen.can_hubs import hub
-from tests.interop.canopen.can_utils_exchanges import assert_same_frames, candump
+from tests.interop.canopen.can_utils_exchanges import Candump, assert_same_frames, candump
 from tests.interop.canopen.canopen_exchanges import EXCHANGES, Exchange
 
 CARRIERS = os.environ.get("BAREWIRE_CARRIERS", "virtual,slcan,socketcand").split(",")
@@ -29,6 +29,17 @@ def carriers() -> Iterator[Carriers]:
     with ExitStack() as hubs:
         (address,) = hubs.enter_context(hub("socketcand")) if "socketcand" in CARRIERS else [""]
         yield Carriers(address)
+
+
+@pytest.fixture(scope="module")
+def dump(tmp_path_factory: pytest.TempPathFactory) -> Iterator[Candump | None]:
+    """Start candump, if there is a bus for it. In a guest a new process for each exchange would take most of the
+    time."""
+    if "socketcan" not in CARRIERS:
+        yield None
+        return
+    with candump(tmp_path_factory.mktemp("candump")) as running:
+        yield running
 
 
 def proofs(exchange: Exchange, carrier: str) -> list[pytest.MarkDecorator]:
@@ -50,12 +61,11 @@ def proofs(exchange: Exchange, carrier: str) -> list[pytest.MarkDecorator]:
         if exchange.goes_over(carrier)
     ],
 )
-def test_exchange(carriers: Carriers, exchange: Exchange, carrier: str) -> None:
-    with ExitStack() as stack:
-        lines = stack.enter_context(candump()) if carrier == "socketcan" and exchange.services else None
-        bench = stack.enter_context(bench_on(carriers, carrier))
+def test_exchange(carriers: Carriers, exchange: Exchange, carrier: str, dump: Candump | None) -> None:
+    mark = dump.mark() if dump else ""
+    with bench_on(carriers, carrier) as bench:
         exchange.run(bench)
         bench.stop_devices()
         assert set(exchange.services) <= services_in(bench.seen)
-    if lines is not None:
-        assert_same_frames(lines, bench.seen)
+    if dump and exchange.services:
+        assert_same_frames(dump.lines_since(mark), bench.seen)

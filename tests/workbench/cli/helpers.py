@@ -5,7 +5,6 @@ from __future__ import annotations
 import os
 import signal
 import subprocess
-import sys
 import time
 from collections.abc import Iterator
 from contextlib import contextmanager, redirect_stderr, redirect_stdout
@@ -16,8 +15,9 @@ from barewire.devices.sim import simulator
 from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.app import run_command_line
 from barewire_workbench.cli.simulate import machine_server
+from tests.helpers import BAREWIRE
 
-COMMAND = [sys.executable, "-m", "barewire"]
+COMMAND = [BAREWIRE]
 ENVIRONMENT = {name: value for name, value in os.environ.items() if not name.startswith("PYTHON")}
 ENVIRONMENT |= {"COLUMNS": "200", "NO_COLOR": "1"}
 """Without the settings of Python that a user does not have: with PYTHONUNBUFFERED no buffer fails at the end."""

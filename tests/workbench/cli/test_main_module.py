@@ -47,6 +47,12 @@ def test_little_is_loaded_before_ctrl_c_is_handled() -> None:
     assert {"typing", "re", "click", "rich"}.isdisjoint(done.stdout.split())
 
 
+def test_the_module_runs_the_command() -> None:
+    command = [sys.executable, "-m", "barewire", "--version"]
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, check=True)
+    assert done.stdout.startswith("barewire, version ")
+
+
 def test_ctrl_c_while_the_command_is_looked_for_ends_with_130(monkeypatch: pytest.MonkeyPatch) -> None:
     def interrupted(**_: object) -> None:
         raise KeyboardInterrupt

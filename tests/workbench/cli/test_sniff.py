@@ -299,11 +299,11 @@ def test_standard_input_and_a_device(tmp_path: Path) -> None:
     text = "debug enabled\n"
     text += "[01][04][0F][B1][00][02][22][F8]\nWaiting for a confirmation...\n"
     text += "<01><04><04><00><00><01><10><FB><D8>\n"
-    command = [sys.executable, "-m", "barewire", "sniff", "-", "--device", "adxl", "--unit", "1"]
+    command = [*COMMAND, "sniff", "-", "--device", "adxl", "--unit", "1"]
     done = subprocess.run(command, input=text.encode(), capture_output=True, timeout=60, check=True)
     line = "unit 1  Read Input Registers, 2 from 0FB1h -> Thyristors temperature = 27.2 °C\n"
     assert done.stdout.decode() == line
-    shell = f"{shlex.quote(sys.executable)} -m barewire sniff - <&-"
+    shell = f"{shlex.join(COMMAND)} sniff - <&-"
     closed = subprocess.run(["sh", "-c", shell], capture_output=True, timeout=60)
     assert (closed.returncode, closed.stderr) == (1, b"barewire: -: standard input is closed\n")
     assert done.stderr.decode() == ("barewire: 1 line holds no bytes of a frame, the first is line 1: debug enabled\n")

@@ -16,6 +16,7 @@ from barewire.errors import EncodeError
 from barewire_workbench.cli.vectors_show import frames_of_case, pictures_of_case
 from barewire_workbench.pictures.fields import FieldsPicture, byte_boxes
 from barewire_workbench.pictures.picture import as_svg
+from barewire_workbench.vectors.files import Vectors, load_vectors
 from barewire_workbench.vectors.profiles import badge_texts, in_profile
 from tests.helpers import every_case
 from tests.workbench.cli.helpers import output_of, run_here
@@ -23,6 +24,16 @@ from tests.workbench.vectors.loaded import VECTORS
 
 FIRST = {file.kind: file.cases[0]["id"] for file in reversed(VECTORS.files)}
 """By kind: the id of a case."""
+
+
+@pytest.fixture(autouse=True)
+def read_once(monkeypatch: pytest.MonkeyPatch) -> None:
+    """Each command reads all files; the tests of tests/workbench/vectors do so too."""
+
+    def load(folder: Path | None) -> Vectors:
+        return VECTORS if folder is None else load_vectors(folder)
+
+    monkeypatch.setattr("barewire_workbench.cli.vectors.load_vectors", load)
 
 
 @every_case("kind", FIRST)

@@ -19,6 +19,7 @@ from barewire_workbench.live.vector_adapter import WINDOW, VectorAdapter
 from barewire_workbench.vectors.files import load_vectors
 from barewire_workbench.vectors.questions import Question
 from barewire_workbench.vectors.run import CheckedCase, run_cases, selected
+from tests.helpers import BAREWIRE
 
 pytestmark = pytest.mark.long
 
@@ -151,7 +152,7 @@ def test_a_signal_ends_the_adapter_too(tmp_path: Path, number: signal.Signals, a
         text = f"import os, sys, time\nsys.stdin.readline()\n{writes}\n{silent}\n"
         file.write_text(text)
     arguments = ["vectors", "check", "--kind", "lrc", "--adapter", command]
-    checking = subprocess.Popen([sys.executable, "-m", "barewire", *arguments], stdout=subprocess.DEVNULL)
+    checking = subprocess.Popen([BAREWIRE, *arguments], stdout=subprocess.DEVNULL)
     try:
         while not (started.exists() and started.read_text()):
             assert checking.poll() is None
