@@ -1,4 +1,6 @@
-"""Runs the adapter of one program in Python: `python vectors/peers NAME`.
+"""Runs the adapter of one program in Python.
+
+    barewire vectors check --adapter "python vectors/peers NAME"
 
 NAME is a folder beside this file. Its main.py imports the modules of its own folder and those of shared/. If the
 program is one that `python -m tools.peers build` makes, main.py is given the library or program, and its version.

@@ -1,7 +1,5 @@
 """c-modbus-slave (C, Siemens Energy) as an adapter: its server on RTU, ASCII and TCP, called by ctypes.
 
-barewire vectors check --adapter "python vectors/peers c-modbus-slave"
-
 Its sources are built by peer.toml.
 """
 
@@ -13,11 +11,10 @@ from ctypes import CFUNCTYPE, POINTER, Structure, c_int, c_size_t, c_uint8, c_ui
 from typing import Any
 
 from adapter import NotOffered, checksums, serve, words
-from adapter_conformance import conformance_answers, wrapped
+from adapter_conformance import conformance_answers, unwrapped, wrapped
 from adapter_server import Units, server_answers
 
-PATH, VERSION = sys.argv[1:]
-LIBRARY = ctypes.CDLL(PATH)
+LIBRARY = ctypes.CDLL(sys.argv[1])
 LIBRARY.mbcrc16.restype = c_uint16
 HANDLERS = {"rtu": "mbadu_handle_req", "ascii": "mbadu_ascii_handle_req", "tcp": "mbadu_tcp_handle_req"}
 for name in HANDLERS.values():
@@ -166,15 +163,10 @@ class Server:
         self.units = {unit: Unit(line, unit, tables, described[unit]) for unit, tables in units.items()}
 
     def ask(self, unit: int, pdu: bytes) -> bytes | None:
-        if self.line == "tcp":
-            if unit not in self.units:
-                raise NotOffered("on TCP it answers for every unit")
-            return self.hear(wrapped("tcp", unit, pdu.hex(), 1))[7:] or None
-        data = bytes([unit]) + pdu
-        if self.line == "rtu":
-            return self.hear(data + checksum(data))[1:-2] or None
-        text = f":{data.hex()}{-sum(data) & 0xFF:02x}\r\n".upper().encode()
-        return bytes.fromhex(self.hear(text)[1:-2].decode())[1:-1] or None
+        if self.line == "tcp" and unit not in self.units:
+            raise NotOffered("on TCP it answers for every unit")
+        answer = self.hear(wrapped(self.line, unit, pdu.hex(), 1))
+        return unwrapped(self.line, answer)[1] if answer else None
 
     def overrun(self) -> None:
         """Count a lost character, as the library leaves it to the port to do."""
@@ -191,20 +183,13 @@ class Server:
         return {name: [cell.value for cell in cells.values()] for name, cells in self.units[unit].files.items()}
 
 
-def ten(line: str) -> Server:
-    """Return a server of unit 1 with ten registers and ten coils."""
-    units: Units = {1: {"holding_registers": {0: [0] * 10}, "coils": {0: [0] * 10}}}
-    return Server(line, units, {1: {}})
-
-
 SERVED = {*range(1, 9), 0x0B, 0x0C, 0x0F, 0x10, 0x14, 0x15, 0x16, 0x17}
 MORE = {"files", "exception_status", "counters"}
 serve(
     "c-modbus-slave",
-    VERSION,
     {
         **server_answers(Server, SERVED, {"rtu", "ascii", "tcp"}, MORE),
-        **conformance_answers(ten, {"rtu", "ascii", "tcp"}),
+        **conformance_answers(Server, {"rtu", "ascii", "tcp"}),
         **checksums(checksum),
     },
 )

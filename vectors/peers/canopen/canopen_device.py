@@ -9,22 +9,15 @@ from typing import Any
 
 import can
 import canopen
-from adapter_canopen import variables
+from adapter_canopen import listed, variables
 from adapter_device import NODE, device_answers
 from canopen.network import MessageListener
 from canopen_objects import objects
 
 OBJECTS = variables(0x1018, (0x360, 0x1234, 0x10002, 7), access="const")
-OBJECTS += [
-    {"object": f"{index:04X}:00", "type": kind, "access": access, "value": value}
-    for kind, index, access, value in (
-        ("UNSIGNED32", 0x1000, "const", "131474"),
-        ("UNSIGNED8", 0x1001, "ro", "0"),
-        ("VISIBLE_STRING", 0x1008, "const", "a node of canopen"),
-        ("UNSIGNED16", 0x100C, "rw", "0"),
-        ("UNSIGNED16", 0x1017, "rw", "0"),
-    )
-]
+OBJECTS += listed("UNSIGNED32", "const", "1000:00=131474") + listed("UNSIGNED8", "ro", "1001:00=0")
+OBJECTS += [{"object": "1008:00", "type": "VISIBLE_STRING", "access": "const", "value": "a node of canopen"}]
+OBJECTS += listed("UNSIGNED16", "rw", "100C:00=0 1017:00=0")
 
 
 class Periodic:
@@ -74,8 +67,7 @@ class Tested(canopen.Network):
                 dlc=int(data[1:] or "0") if remote else None,
             )
         )
-        said, self.said = self.said, []
-        return said
+        return self.take()
 
     def wait(self, seconds: float) -> list[str]:
         until = self.now + seconds
@@ -85,6 +77,9 @@ class Tested(canopen.Network):
             first.due += first.period
             self.send_message(*first.frame)
         self.now = until
+        return self.take()
+
+    def take(self) -> list[str]:
         said, self.said = self.said, []
         return said
 

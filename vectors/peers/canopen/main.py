@@ -1,14 +1,10 @@
-"""The `canopen` library as an adapter: its nodes on a network that only records what they send.
-
-barewire vectors check --adapter "python vectors/peers canopen"
-"""
+"""The `canopen` library as an adapter: its nodes on a network that only records what they send."""
 
 from __future__ import annotations
 
 import logging
 import queue
 from datetime import UTC, datetime, timedelta
-from importlib.metadata import version
 from typing import Any
 
 import canopen
@@ -330,7 +326,6 @@ def device(question: dict[str, Any]) -> dict[str, Any]:
 
 serve(
     "canopen",
-    version("canopen"),
     {
         "nmt": {"encode": encode_nmt},
         "sync": {"encode": encode_sync},

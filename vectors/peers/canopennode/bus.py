@@ -9,33 +9,21 @@ said()                    frames and events since the last call, a line of text 
 from __future__ import annotations
 
 import ctypes
-import struct
 import sys
 from collections.abc import Iterable
 from typing import Any
 
 from adapter import NotOffered, octets
-from adapter_canopen import ALWAYS, placed
+from adapter_canopen import ALWAYS, STRINGS, listed, placed, value_bytes, variables
 
 LIBRARY = ctypes.CDLL(sys.argv[1])
 LIBRARY.take.restype = ctypes.c_char_p
 
 ACCESS = {"ro": 1, "const": 1, "wo": 2, "rw": 3, "rwr": 3, "rww": 3}
 MAPPED = {"TPDO": 4, "RPDO": 8, "both": 12}
-STRINGS = {"VISIBLE_STRING": "latin-1", "UNICODE_STRING": "utf-16-le"}
 SPACE = 300
-NEEDED = [
-    {"object": place, "type": kind, "access": "rw", "value": value}
-    for place, kind, value in (
-        ("1003:01", "UNSIGNED32", "0"),
-        ("1005:00", "UNSIGNED32", "128"),
-        ("1006:00", "UNSIGNED32", "0"),
-        ("100C:00", "UNSIGNED16", "0"),
-        ("100D:00", "UNSIGNED8", "0"),
-        ("1014:00", "UNSIGNED32", "128"),
-        ("1017:00", "UNSIGNED16", "0"),
-    )
-]
+NEEDED = listed("UNSIGNED32", "rw", "1003:01=0 1005:00=128 1006:00=0 1014:00=128")
+NEEDED += listed("UNSIGNED16", "rw", "100C:00=0 1017:00=0") + listed("UNSIGNED8", "rw", "100D:00=0")
 """Objects without which CANopenNode does not start; it is not asked about them where a device has none."""
 
 OWN = 126
@@ -65,20 +53,12 @@ def said() -> list[str]:
 
 def stored(row: dict[str, Any]) -> tuple[bytes, int, int]:
     """Return the bytes of the default value of an object, the room of a domain, and the attributes for its type."""
-    kind, value = row["type"], row.get("value")
+    kind, data = row["type"], value_bytes(row["type"], row.get("value"))
     if kind in ("DOMAIN", "OCTET_STRING"):
-        return octets(value or ""), SPACE * 8, 0
+        return data, SPACE * 8, 0
     if kind in STRINGS:
-        data = (value or "").encode(STRINGS[kind])
         return (data if row.get("mapped", "no") != "no" else data.ljust(SPACE, b"\0")), 0, 0x80
-    if kind in ("REAL32", "REAL64"):
-        return struct.pack("<f" if kind == "REAL32" else "<d", float(value or 0)), 0, 0x40
-    if kind == "BOOLEAN":
-        return bytes([int(value or 0)]), 0, 0
-    if kind.startswith("TIME_"):
-        raise NotOffered("its editor of object dictionaries makes no variable of this type")
-    size = int(kind.lstrip("UNSIGEDTR")) // 8
-    return int(value or 0).to_bytes(size, "little", signed=kind.startswith("I")), 0, 0x40 if size > 1 else 0
+    return data, 0, 0x40 if len(data) > 1 else 0
 
 
 def build(rows: Iterable[dict[str, Any]]) -> None:
@@ -117,11 +97,9 @@ def start(node: int | None, *, lss: int = 0, master: bool = False, control: int 
 UNCONFIGURED = -19
 """CANopenNode waits for a node-ID."""
 
-MASTER = [{"object": "1280:00", "type": "UNSIGNED8", "access": "ro", "value": "3"}]
-MASTER += [
-    {"object": f"1280:0{sub}", "type": kind, "access": "rw", "value": value}
-    for sub, kind, value in ((1, "UNSIGNED32", "2147483648"), (2, "UNSIGNED32", "2147483648"), (3, "UNSIGNED8", "1"))
-]
+MASTER = (
+    variables(0x1280, [1 << 31] * 2) + listed("UNSIGNED8", "rw", "1280:03=1") + listed("UNSIGNED8", "ro", "1280:00=3")
+)
 
 
 def start_master(*rows: dict[str, Any]) -> None:

@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from typing import Any
 
 from adapter import NotOffered, octets
-from adapter_canopen import ALWAYS, place_of, register_bits, variables
+from adapter_canopen import ALWAYS, guarded, place_of, register_bits, variables
 from bus import LIBRARY, NEEDED, build, feed, run, said, start, stored
 
 CONTROL = {0: 0x1000, 1: 0, 2: 0x5000}
@@ -100,13 +100,7 @@ def node_talk(question: dict[str, Any]) -> dict[str, Any]:
     setup, talk = question["node"], question["talk"]
     if any((step["hear"] or "").startswith(IDENTIFIES) for step in talk):
         raise NotOffered("an LSS slave without the identify services")
-    rows = [row for row in (*ALWAYS, *NEEDED) if row["object"] not in ("1018:01", "100C:00", "100D:00")]
-    life = setup.get("life_time", 0) // 1000
-    rows.append({"object": "100C:00", "type": "UNSIGNED16", "access": "rw", "value": str(life)})
-    rows.append({"object": "100D:00", "type": "UNSIGNED8", "access": "rw", "value": str(int(life > 0))})
-    numbers = [int(text, 16) for text in setup.get("address", ["0"] * 4)]
-    rows += variables(0x1018, numbers, access="const")
-    build(rows)
+    build(guarded(setup, NEEDED))
     start(setup["id"], lss=2 if setup["machine"] == "lss-slave" else 0)
     said()
     now, answer = 0, []

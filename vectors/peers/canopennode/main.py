@@ -1,14 +1,10 @@
 """CANopenNode (C) as an adapter: its devices and masters on a bus that only records, in virtual time.
 
-barewire vectors check --adapter "python vectors/peers canopennode"
-
 The library that peer.toml builds has in it CANopenNode, with the settings of CO_driver_target.h, and the files in C
 beside this one.
 """
 
 from __future__ import annotations
-
-import sys
 
 import values
 from adapter import serve
@@ -18,7 +14,6 @@ from tested import TESTED_ANSWERS
 
 serve(
     "CANopenNode",
-    sys.argv[2],
     {
         "device": {"run": device},
         "node-talk": {"run": node_talk},

@@ -6,25 +6,17 @@ import ctypes
 from typing import Any
 
 from adapter import NotOffered, Refused, hexed, octets
-from adapter_canopen import ALWAYS, variables
+from adapter_canopen import ALWAYS, listed, variables
 from bus import LIBRARY, NEEDED, build, feed, run, said, start, start_master
 
-PDOS = [
-    {"object": f"{base + at:04X}:{sub:02X}", "type": kind, "access": "rw", "value": str(value)}
-    for base, first in ((0x1400, 0x200), (0x1800, 0x180))
-    for at in range(4)
-    for sub, kind, value in ((1, "UNSIGNED32", first + at * 0x100), (2, "UNSIGNED8", 255))
-]
-PDOS += [
-    {"object": f"{base + at:04X}:{sub:02X}", "type": kind, "access": "rw", "value": str(value)}
-    for base in (0x1600, 0x1A00)
-    for at in range(4)
-    for sub, kind, value in ((0, "UNSIGNED8", 1), (1, "UNSIGNED32", 0x2000_0008))
-]
-PDOS += [
-    {"object": "1012:00", "type": "UNSIGNED32", "access": "rw", "value": str(1 << 31 | 0x100)},
-    {"object": "2000:00", "type": "UNSIGNED8", "access": "rw", "value": "0", "mapped": "both"},
-]
+PDOS = listed("UNSIGNED32", "rw", f"1012:00={1 << 31 | 0x100}")
+PDOS += [{"object": "2000:00", "type": "UNSIGNED8", "access": "rw", "value": "0", "mapped": "both"}]
+for at in range(4):
+    for base, first in ((0x1400, 0x200), (0x1800, 0x180)):
+        PDOS += listed(
+            "UNSIGNED32", "rw", f"{base + at:X}:01={first + at * 0x100} {base + at + 0x200:X}:01={0x2000_0008}"
+        )
+        PDOS += listed("UNSIGNED8", "rw", f"{base + at:X}:02=255 {base + at + 0x200:X}:00=1")
 LETTERS = {"NMT": "N", "SYNC": "S", "EMCY": "E", "TIME": "T", "SDO request": "q", "SDO answer": "a"}
 LETTERS |= {"error control": "h", "LSS request": "L", "LSS answer": "l"}
 

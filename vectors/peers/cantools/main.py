@@ -1,12 +1,8 @@
-"""cantools as an adapter: the lines of candump, of its log and of its screen, as it reads them.
-
-barewire vectors check --adapter "python vectors/peers cantools"
-"""
+"""cantools as an adapter: the lines of candump, of its log and of its screen, as it reads them."""
 
 from __future__ import annotations
 
 from datetime import UTC, datetime, timedelta
-from importlib.metadata import version
 from io import StringIO
 from typing import Any
 
@@ -45,4 +41,4 @@ def item(found: Any) -> dict[str, Any]:
     return row | {"at": (zoned - EPOCH) // timedelta(microseconds=1)}
 
 
-serve("cantools", version("cantools"), {"log-line": {"decode": lines}})
+serve("cantools", {"log-line": {"decode": lines}})

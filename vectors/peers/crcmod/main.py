@@ -1,11 +1,6 @@
-"""crcmod as an adapter: the CRC of Modbus as its catalogue of checksums has it.
-
-barewire vectors check --adapter "python vectors/peers crcmod"
-"""
+"""crcmod as an adapter: the CRC of Modbus as its catalogue of checksums has it."""
 
 from __future__ import annotations
-
-from importlib.metadata import version
 
 from adapter import checksums, serve
 from crcmod.predefined import PredefinedCrc
@@ -17,4 +12,4 @@ def crc(data: bytes) -> bytes:
     return sum16.crcValue.to_bytes(2, "little")
 
 
-serve("crcmod", version("crcmod"), checksums(crc))
+serve("crcmod", checksums(crc))

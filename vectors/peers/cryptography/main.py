@@ -1,11 +1,7 @@
-"""The `cryptography` package as an adapter: the role in the extensions of a certificate, read by its decoder of DER.
-
-barewire vectors check --adapter "python vectors/peers cryptography"
-"""
+"""The `cryptography` package as an adapter: the role in the extensions of a certificate, read by its decoder of DER."""
 
 from typing import Annotated, Any
 
-import cryptography
 from adapter import Refused, octets, serve
 from cryptography.hazmat import asn1
 from cryptography.x509 import ObjectIdentifier
@@ -45,4 +41,4 @@ def role(question: dict[str, Any]) -> dict[str, Any]:
     return {"role": asn1.decode_der(str, roles[0]) if roles else None}
 
 
-serve("cryptography", cryptography.__version__, {"tls-role": {"decode": role}})
+serve("cryptography", {"tls-role": {"decode": role}})

@@ -1,13 +1,9 @@
-"""durand as an adapter: its CANopen devices, on a network that only records, in its virtual time.
-
-barewire vectors check --adapter "python vectors/peers durand"
-"""
+"""durand as an adapter: its CANopen devices, on a network that only records, in its virtual time."""
 
 from __future__ import annotations
 
 import logging
 from functools import partial
-from importlib.metadata import version
 from threading import Lock
 from typing import Any
 
@@ -190,4 +186,4 @@ def has(dictionary: Any, index: int, sub: int) -> bool:
     return sub == 0 if isinstance(found, Variable) else sub in found
 
 
-serve("durand", version("durand"), {"device": {"run": device}, **device_answers(Tested)})
+serve("durand", {"device": {"run": device}, **device_answers(Tested)})

@@ -1,7 +1,5 @@
 """FreeModbus (C) as an adapter: its receivers of RTU and ASCII in virtual time, called by ctypes.
 
-barewire vectors check --adapter "python vectors/peers freemodbus"
-
 peer.toml builds its receivers with port.c, whose variables are the byte that the line has received, the last event, and
 the timer.
 """
@@ -16,8 +14,7 @@ from typing import Any
 
 from adapter import NotOffered, checksums, hexed, octets, serve
 
-PATH, VERSION = sys.argv[1:]
-LIBRARY = ctypes.CDLL(PATH)
+LIBRARY = ctypes.CDLL(sys.argv[1])
 BYTE, EVENT = c_ubyte.in_dll(LIBRARY, "port_byte"), c_int.in_dll(LIBRARY, "port_event")
 TIMER, TICKS = c_int.in_dll(LIBRARY, "port_timer"), c_uint32.in_dll(LIBRARY, "port_timer_50us")
 LIBRARY.usMBCRC16.restype = c_ushort
@@ -101,7 +98,6 @@ def ascii_line(question: dict[str, Any]) -> dict[str, Any]:
 
 serve(
     "FreeModbus",
-    VERSION,
     {
         "rtu-talk": {"frames": rtu},
         "ascii-talk": {"frames": ascii_line},

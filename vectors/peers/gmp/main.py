@@ -1,7 +1,5 @@
 """GMP (C, gmp_pro) as an adapter: the state machine of its drives by CiA 402, called by ctypes.
 
-barewire vectors check --adapter "python vectors/peers gmp"
-
 peer.toml builds it with machine.c and port.c, which stand for its platform.
 """
 
@@ -14,8 +12,7 @@ from typing import Any
 
 from adapter import NotOffered, serve
 
-PATH, VERSION = sys.argv[1:]
-LIBRARY = ctypes.CDLL(PATH)
+LIBRARY = ctypes.CDLL(sys.argv[1])
 STATES = ("not ready to switch on", "switch on disabled", "ready to switch on", "switched on", "operation enabled")
 STATES += ("quick stop active", "fault reaction active", "fault")
 COMMANDS = ("", "disable voltage", "shutdown", "switch on", "enable operation", "quick stop", "fault reset")
@@ -74,6 +71,5 @@ def state(question: dict[str, Any]) -> dict[str, Any]:
 
 serve(
     "GMP",
-    VERSION,
     {"drive-path": {"decode": states}, "drive-command": {"decode": command}, "drive-state": {"decode": state}},
 )

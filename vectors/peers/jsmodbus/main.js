@@ -1,5 +1,5 @@
 "use strict";
-// jsmodbus as an adapter: its messages, its RTU and TCP frames.    barewire vectors check --adapter "node .../jsmodbus.js"
+// jsmodbus as an adapter: its messages, its RTU and TCP frames.    barewire vectors check --adapter "node vectors/peers/jsmodbus/main.js"
 
 const jsmodbus = require("jsmodbus");
 const {NotOffered, bits, bitted, hexed, octets, serve, worded, words} = require("../shared/adapter.js");

@@ -6,22 +6,17 @@ import ctypes
 from typing import Any
 
 from adapter import NotOffered, hexed, octets
-from adapter_canopen import ALWAYS, place_of, register_bits, variables
+from adapter_canopen import ALWAYS, guarded, listed, place_of, register_bits, value_bytes, variables
 from bus import LELY, Node
 
 START = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint8, ctypes.c_void_p)
 STORES = ctypes.CFUNCTYPE(ctypes.c_int, ctypes.c_void_p, ctypes.c_uint8, ctypes.c_uint16, ctypes.c_void_p)(lambda *_: 0)
 TAKES_RATE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_uint16, ctypes.c_int, ctypes.c_void_p)(lambda *_: None)
-NEEDED = [
-    {"object": place, "type": kind, "access": "rw", "value": value}
-    for place, kind, value in (
-        ("100C:00", "UNSIGNED16", "65535"),
-        ("100D:00", "UNSIGNED8", "255"),
-        ("1014:00", "UNSIGNED32", "$NODEID+0x80"),
-        ("1F80:00", "UNSIGNED32", "4"),
-    )
-]
+NEEDED = listed("UNSIGNED16", "rw", "100C:00=65535") + listed("UNSIGNED8", "rw", "100D:00=255")
+NEEDED += listed("UNSIGNED32", "rw", "1014:00=$NODEID+0x80 1F80:00=4")
 """Objects without which it has no guarding and no emergencies, and starts by itself (1F80h, CiA 302-2)."""
+KEPT = {3: 4, 5: 8, 6: 8, 7: 8}
+"""The bytes in which it keeps numbers of odd widths."""
 
 
 def requested(question: dict[str, Any]) -> set[int]:
@@ -29,19 +24,6 @@ def requested(question: dict[str, Any]) -> set[int]:
     mine = f"{0x600 + (question['device']['id'] or 0):03X}#"
     lines = [line for step in question["talk"] for line in step.get("hear", ()) if line.startswith(mine)]
     return {int(line[8:10] + line[6:8], 16) for line in lines if len(line) > 10}
-
-
-def value_bytes(kind: str, value: str) -> bytes:
-    if kind in ("DOMAIN", "OCTET_STRING"):
-        return octets(value)
-    if kind == "VISIBLE_STRING":
-        return value.encode("latin-1")
-    if kind == "BOOLEAN":
-        return bytes([int(value)])
-    if kind.startswith(("UNSIGNED", "INTEGER")):
-        size = {1: 1, 2: 2, 3: 4, 4: 4}.get(int(kind.lstrip("UNSIGEDTR")) // 8, 8)
-        return int(value).to_bytes(size, "little", signed=kind.startswith("I"))
-    raise NotOffered("the adapter sets no values of this type")
 
 
 def device(question: dict[str, Any]) -> dict[str, Any]:
@@ -87,7 +69,7 @@ def do(node: Node, rows: list[dict[str, Any]], act: dict[str, Any], active: dict
     if "set" in act:
         index, sub = place_of({"object": act["set"]})
         kind = next(row["type"] for row in rows if place_of(row) == (index, sub))
-        data = value_bytes(kind, act["value"])
+        data = value_bytes(kind, act["value"], KEPT)
         before = ctypes.string_at(LELY.co_dev_get_val(node.dev, index, sub), len(data))
         LELY.co_dev_set_val(node.dev, index, sub, data, len(data))
         if data != before:
@@ -109,12 +91,7 @@ LIFE = ctypes.CFUNCTYPE(None, ctypes.c_void_p, ctypes.c_int, ctypes.c_void_p)
 def node_talk(question: dict[str, Any]) -> dict[str, Any]:
     """Play frames to a node: guarded, or an LSS slave without storage."""
     setup, is_lss = question["node"], question["node"]["machine"] == "lss-slave"
-    life = setup.get("life_time", 65_535_000) // 1000
-    numbers = [int(text, 16) for text in setup.get("address", ["0"] * 4)]
-    rows = [row for row in (*ALWAYS, *NEEDED) if row["object"] not in ("1018:01", "100C:00", "100D:00")]
-    rows += variables(0x1018, numbers, access="ro")
-    rows.append({"object": "100C:00", "type": "UNSIGNED16", "access": "rw", "value": str(life)})
-    rows.append({"object": "100D:00", "type": "UNSIGNED8", "access": "rw", "value": str(int(life > 0))})
+    rows = guarded({"life_time": 65_535_000, **setup}, NEEDED)
     node = Node(rows, setup["id"], lss=is_lss)
     kept = LIFE(lambda _nmt, state, _data: node.sent.append("resolved" if state else "lost"))
     LELY.co_nmt_set_lg_ind(node.nmt, kept, None)
@@ -139,18 +116,13 @@ def mpdo(question: dict[str, Any]) -> dict[str, Any]:
         raise NotOffered("its caller gives it four bytes")
     own = node_id if is_sam else 126
     place, data = (int(question["index"], 16), int(question["sub"], 16)), octets(question["data"])
-    rows = [
-        {"object": "1800:01", "type": "UNSIGNED32", "access": "rw", "value": str(0x180 + own)},
-        {"object": "1800:02", "type": "UNSIGNED8", "access": "rw", "value": "255"},
-        {"object": "1A00:00", "type": "UNSIGNED8", "access": "rw", "value": "254" if is_sam else "255"},
-    ]
-    rows += [{"object": f"1A00:{sub:02X}", "type": "UNSIGNED32", "access": "rw", "value": "0"} for sub in range(1, 9)]
+    rows = listed("UNSIGNED8", "rw", f"1800:02=255 1A00:00={254 if is_sam else 255}")
+    rows += listed("UNSIGNED32", "rw", f"1800:01={0x180 + own}") + variables(0x1A00, [0] * 8)
     if is_sam:
         object_of = f"{place[0]:04X}:{place[1]:02X}"
         number = str(int.from_bytes(data, "little"))
         rows.append({"object": object_of, "type": "UNSIGNED32", "access": "rw", "value": number, "mapped": "TPDO"})
-        scanned = str(1 << 24 | place[0] << 8 | place[1])
-        rows.append({"object": "1FA0:01", "type": "UNSIGNED32", "access": "rw", "value": scanned})
+        rows += listed("UNSIGNED32", "rw", f"1FA0:01={1 << 24 | place[0] << 8 | place[1]}")
     node = Node([*ALWAYS, *NEEDED, *rows], own)
     node.start()
     node.feed("000#0100")

@@ -7,15 +7,11 @@ from collections.abc import Callable, Iterable
 from typing import Any
 
 from adapter import NotOffered, octets
-from adapter_canopen import ALWAYS, RATES, Row, one_each, variables, watched
+from adapter_canopen import ALWAYS, RATES, Row, listed, one_each, variables, watched
 from bus import LELY, Node
 
 OWN = 126
 SECOND = 1_000_000
-
-
-def variable(place: str, kind: str, value: int | str) -> Row:
-    return {"object": place, "type": kind, "access": "rw", "value": str(value)}
 
 
 def array(index: int, node: int, kind: str, value: int) -> list[Row]:
@@ -25,7 +21,7 @@ def array(index: int, node: int, kind: str, value: int) -> list[Row]:
 
 def master(rows: Iterable[Row] = (), *, lss: bool = False) -> Node:
     """Return an NMT master that is operational and starts nobody."""
-    node = Node([*ALWAYS, variable("1F80:00", "UNSIGNED32", 0x0D), *rows], OWN, lss=lss)
+    node = Node([*ALWAYS, *listed("UNSIGNED32", "rw", "1F80:00=13"), *rows], OWN, lss=lss)
     node.start()
     node.run_to(SECOND)
     node.said()
@@ -68,7 +64,7 @@ def boot_slave(question: dict[str, Any]) -> dict[str, Any]:
     for index, value in zip((0x1F26, 0x1F27), slave.get("date", ())):
         objects += array(index, number, "UNSIGNED32", value)
     if "heartbeat" in slave:
-        objects.append(variable("1016:01", "UNSIGNED32", number << 16 | slave["heartbeat"]))
+        objects += watched({number: slave["heartbeat"]})
     if "writes" in slave:
         objects += [{**row, "type": "DOMAIN", "value": ""} for row in array(0x1F22, number, "DOMAIN", 0)]
     node = master(objects)

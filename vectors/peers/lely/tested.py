@@ -4,12 +4,9 @@ from __future__ import annotations
 
 from adapter_device import NODE, OBJECTS, device_answers
 from bus import Node
+from device import NEEDED
 
-OWN = [
-    {"object": "100C:00", "type": "UNSIGNED16", "access": "rw", "value": "65535"},
-    {"object": "100D:00", "type": "UNSIGNED8", "access": "rw", "value": "255"},
-    {"object": "1F80:00", "type": "UNSIGNED32", "access": "rw", "value": "4"},
-]
+OWN = [row for row in NEEDED if row["object"] != "1014:00"]
 """It has guarding, and does not start itself."""
 
 

@@ -1,7 +1,4 @@
-"""libmodbus (C) as an adapter: its client and its server at the two ends of a socket, called by ctypes.
-
-barewire vectors check --adapter "python vectors/peers libmodbus"
-"""
+"""libmodbus (C) as an adapter: its client and its server at the two ends of a socket, called by ctypes."""
 
 from __future__ import annotations
 
@@ -103,7 +100,7 @@ def call(code: int, fields: dict[str, Any], reply: bytes | None) -> tuple[bytes,
 class Server:
     """A server of libmodbus: one unit, one block of each table."""
 
-    def __init__(self, line: str, units: Units) -> None:
+    def __init__(self, line: str, units: Units, _described: object) -> None:
         if len(units) > 1 or any(len(blocks) > 1 for blocks in units[min(units)].values()):
             raise NotOffered("a mapping of libmodbus has one unit, and one block of each table")
         ((unit, tables),) = units.items()
@@ -132,11 +129,6 @@ class Server:
         return [getattr(self.mapping.contents, table)[at] for at in range(count)]
 
 
-def ten(line: str) -> Server:
-    """Return a server of unit 1 with ten registers and ten coils."""
-    return Server(line, {1: {"holding_registers": {0: [0] * 10}, "coils": {0: [0] * 10}}})
-
-
 def encode_rtu(question: dict[str, Any]) -> dict[str, Any]:
     if not 0 <= question["unit"] <= 255:
         raise NotOffered("the unit is uint8_t")
@@ -162,12 +154,12 @@ def decode_number(question: dict[str, Any]) -> dict[str, Any]:
 parts = [c_uint32.in_dll(LIBRARY, f"libmodbus_version_{part}").value for part in ("major", "minor", "micro")]
 serve(
     "libmodbus",
-    ".".join(map(str, parts)),
     {
         **client_answers(call, {*CALLS}),
         **server_answers(Server, {*CALLS}, {"rtu"}),
-        **conformance_answers(ten, {"rtu"}),
+        **conformance_answers(Server, {"rtu"}),
         "rtu-frame": {"encode": encode_rtu},
         "number": {"encode": encode_number, "decode": decode_number},
     },
+    ".".join(map(str, parts)),
 )

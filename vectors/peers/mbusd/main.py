@@ -19,7 +19,7 @@ from typing import Any
 
 from adapter import NotOffered, hexed, octets, serve
 
-PROGRAM, VERSION = sys.argv[1:]
+PROGRAM = sys.argv[1]
 EFFECT = 0.02
 """Seconds after which what a step has caused has been sent; until its line has been silent, a frame is not whole."""
 
@@ -128,4 +128,4 @@ def run(question: dict[str, Any]) -> dict[str, Any]:
         gateway.close()
 
 
-serve("mbusd", VERSION, {"gateway": {"run": run}})
+serve("mbusd", {"gateway": {"run": run}})

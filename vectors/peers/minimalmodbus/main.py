@@ -1,7 +1,4 @@
-"""minimalmodbus as an adapter: an Instrument on a serial port in virtual time, and its checksums.
-
-barewire vectors check --adapter "python vectors/peers minimalmodbus"
-"""
+"""minimalmodbus as an adapter: an Instrument on a serial port in virtual time, and its checksums."""
 
 from __future__ import annotations
 
@@ -148,7 +145,6 @@ def decode_parameter(question: dict[str, Any]) -> dict[str, Any]:
 
 serve(
     "minimalmodbus",
-    minimalmodbus.__version__,
     {
         **clients(connect, {*CALLS}, "rtu"),
         **checksums(minimalmodbus._calculate_crc, lambda data: minimalmodbus._calculate_lrc(data)[0]),

@@ -1,5 +1,5 @@
 "use strict";
-// modbus-pdu as an adapter: its messages.    barewire vectors check --adapter "node .../modbus-pdu.js"
+// modbus-pdu as an adapter: its messages.    barewire vectors check --adapter "node vectors/peers/modbus-pdu/main.js"
 
 const modbus = require("modbus-pdu");
 const {NotOffered, bits, bitted, hexed, octets, serve, worded, words} = require("../shared/adapter.js");

@@ -1,6 +1,6 @@
 "use strict";
 // modbus-serial as an adapter: its client on a port that only plays back, and its checksums.
-//     barewire vectors check --adapter "node .../modbus-serial.js"
+//     barewire vectors check --adapter "node vectors/peers/modbus-serial/main.js"
 
 const {EventEmitter} = require("node:events");
 const ModbusRTU = require("modbus-serial");

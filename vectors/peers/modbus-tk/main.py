@@ -1,11 +1,7 @@
-"""modbus-tk as an adapter: its masters on a line in virtual time, its frames and its checksum.
-
-barewire vectors check --adapter "python vectors/peers modbus-tk"
-"""
+"""modbus-tk as an adapter: its masters on a line in virtual time, its frames and its checksum."""
 
 from __future__ import annotations
 
-from importlib.metadata import version
 from typing import Any
 from unittest.mock import patch
 
@@ -61,7 +57,7 @@ def connect(line: Any, patches: Any) -> Any:
 class Server:
     """A databank of modbus-tk, asked with its own frames."""
 
-    def __init__(self, line: str, units: Units) -> None:
+    def __init__(self, line: str, units: Units, _described: object) -> None:
         self.query = {"rtu": RtuQuery, "tcp": TcpQuery}[line]
         self.bank = Databank(error_on_missing_slave=False)
         for unit, tables in units.items():
@@ -103,7 +99,6 @@ def decode_tcp(question: dict[str, Any]) -> dict[str, Any]:
 
 serve(
     "modbus-tk",
-    version("modbus-tk"),
     {
         **clients(connect, CODES, "tcp"),
         **server_answers(Server, {*CODES, 7}, {"rtu", "tcp"}),

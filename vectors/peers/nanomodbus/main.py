@@ -1,7 +1,5 @@
 """nanoMODBUS (C) as an adapter: its server and its client, called by ctypes.
 
-barewire vectors check --adapter "python vectors/peers nanomodbus"
-
 nanomodbus.c is built by peer.toml.
 """
 
@@ -18,8 +16,7 @@ from adapter_conformance import conformance_answers, wrapped
 from adapter_server import Units, server_answers
 from client_line import NAMES, clients, needs
 
-PATH, VERSION = sys.argv[1:]
-LIBRARY = ctypes.CDLL(PATH)
+LIBRARY = ctypes.CDLL(sys.argv[1])
 LIBRARY.nmbs_crc_calc.restype = c_uint16
 SIZE = 8192
 """More than an instance takes."""
@@ -316,21 +313,14 @@ def connect(virtual: Any, _patches: Any) -> Any:
     return ask
 
 
-def ten(line: str) -> Server:
-    """Return a server of unit 1 with ten registers and ten coils."""
-    units: Units = {1: {"holding_registers": {0: [0] * 10}, "coils": {0: [0] * 10}}}
-    return Server(line, units, {1: {}})
-
-
 SERVED = {1, 2, 3, 4, 5, 6, 0x0F, 0x10, 0x14, 0x15, 0x17, 0x2B}
 MORE = {"files", "identification", "functions", "faults", "read_only"}
 serve(
     "nanoMODBUS",
-    VERSION,
     {
         **clients(connect, SERVED - {0x14, 0x15, 0x2B}, "rtu"),
         **server_answers(Server, SERVED, {"rtu", "tcp"}, MORE),
-        **conformance_answers(ten, {"rtu", "tcp"}),
+        **conformance_answers(Server, {"rtu", "tcp"}),
         **checksums(checksum),
     },
 )

@@ -1,7 +1,4 @@
-"""numpy as an adapter: its numbers, its packing of bits, its views of registers with swapped bytes.
-
-barewire vectors check --adapter "python vectors/peers numpy"
-"""
+"""numpy as an adapter: its numbers, its packing of bits, its views of registers with swapped bytes."""
 
 from __future__ import annotations
 
@@ -46,6 +43,5 @@ def unpack(question: dict[str, Any]) -> dict[str, Any]:
 
 serve(
     "numpy",
-    np.__version__,
     {"number": {"encode": encode, "decode": decode}, "bits": {"encode": pack, "decode": unpack}},
 )

@@ -1,7 +1,4 @@
-"""pymodbus as an adapter: its messages, its three framers, its checksums, its numbers in registers.
-
-barewire vectors check --adapter "python vectors/peers pymodbus"
-"""
+"""pymodbus as an adapter: its messages, its three framers, its checksums, its numbers in registers."""
 
 from __future__ import annotations
 
@@ -10,8 +7,6 @@ from itertools import pairwise
 from typing import Any
 from unittest.mock import patch
 
-import pymodbus
-import pymodbus.pdu
 from adapter import (
     FIELDS,
     NotOffered,
@@ -367,7 +362,6 @@ def block_of(name: str, rows: dict[int, list[int]]) -> ModbusSequentialDataBlock
 FRAME = {"encode": encode_frame, "decode": decode_frame, "receive": receive}
 serve(
     "pymodbus",
-    pymodbus.__version__,
     {
         **server_answers(Server, {*CODES, 0x2B}, {"rtu", "ascii", "tcp"}, {"identification"}),
         "pdu": {"encode": encode_pdu, "decode": decode_pdu},

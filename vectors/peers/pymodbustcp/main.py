@@ -1,7 +1,4 @@
-"""pyModbusTCP as an adapter: its client on a connection in virtual time, and its utilities.
-
-barewire vectors check --adapter "python vectors/peers pymodbustcp"
-"""
+"""pyModbusTCP as an adapter: its client on a connection in virtual time, and its utilities."""
 
 from __future__ import annotations
 
@@ -9,7 +6,6 @@ import socket
 from typing import Any
 from unittest.mock import patch
 
-import pyModbusTCP
 from adapter import NotOffered, Refused, checksums, number, octets, register_bytes, registers, serve
 from adapter_client import ExceptionAnswer, given
 from adapter_server import Units, server_answers
@@ -57,7 +53,7 @@ def connect(line: Any, patches: Any) -> Any:
 class Server:
     """The engine of the server, without its sockets: one table of each kind, from address 0 on."""
 
-    def __init__(self, line: str, units: Units) -> None:
+    def __init__(self, line: str, units: Units, _described: object) -> None:
         if len(units) > 1 or any({*blocks} != {0} for blocks in units[min(units)].values()):
             raise NotOffered("a data bank has tables from address 0 on, for every unit")
         ((_, tables),) = units.items()
@@ -119,7 +115,6 @@ def encode_part(question: dict[str, Any]) -> dict[str, Any]:
 
 serve(
     "pyModbusTCP",
-    pyModbusTCP.__version__,
     {
         **clients(connect, {*CALLS}, "tcp"),
         **server_answers(Server, {*CALLS}, {"tcp"}),

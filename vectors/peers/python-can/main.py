@@ -1,11 +1,7 @@
-"""python-can as an adapter: the lines of candump and of Vector ASC, as it writes and reads them.
-
-barewire vectors check --adapter "python vectors/peers python-can"
-"""
+"""python-can as an adapter: the lines of candump and of Vector ASC, as it writes and reads them."""
 
 from __future__ import annotations
 
-from importlib.metadata import version
 from io import StringIO
 from typing import Any
 
@@ -67,6 +63,5 @@ def lines(question: dict[str, Any]) -> dict[str, Any]:
 
 serve(
     "python-can",
-    version("python-can"),
     {"can-text": {"encode": encode, "decode": decode}, "log-line": {"decode": lines}},
 )

@@ -5,7 +5,7 @@
     def crc(question):
         return {"wire": hexed(some_library.crc(octets(question["bytes"])))}
 
-    serve("some-library", "1.2.3", {"crc16": {"encode": crc}})
+    serve("some-library", {"crc16": {"encode": crc}})
 
 An answer is made of what the library returns. An exception is a refusal, unless it is NotOffered.
 """
@@ -15,6 +15,7 @@ from __future__ import annotations
 import json
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from importlib import metadata
 from typing import Any
 
 Answers = Mapping[str, Mapping[str, Callable[[dict[str, Any]], dict[str, Any]]]]
@@ -38,8 +39,12 @@ class Refused(Exception):
     """The library says no without an exception, for example with None."""
 
 
-def serve(name: str, version: str, answers: Answers) -> None:
-    """Answer the questions on standard input until it ends."""
+def serve(name: str, answers: Answers, version: str = "") -> None:
+    """Answer the questions on standard input until it ends.
+
+    The version is that of what was built, the second argument of the program, or that of the package of this name.
+    """
+    version = version or (sys.argv[2] if sys.argv[2:] else metadata.version(name))
     write, sys.stdout = sys.stdout, sys.stderr  # what a library prints is no answer
     for line in sys.stdin:
         question = json.loads(line)

@@ -2,18 +2,28 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import struct
+from collections.abc import Iterable, Mapping
 from typing import Any
 
+from adapter import NotOffered, octets
+
 Row = dict[str, Any]
-ALWAYS: list[Row] = [
-    {"object": place, "type": kind, "access": "ro", "value": "0"}
-    for place, kind in (("1000:00", "UNSIGNED32"), ("1001:00", "UNSIGNED8"), ("1018:01", "UNSIGNED32"))
-]
+
+
+def listed(kind: str, access: str, places: str) -> list[Row]:
+    """Return objects of a type, written as place and value: "1005:00=128 1006:00=0"."""
+    pairs = [text.partition("=") for text in places.split()]
+    return [{"object": place, "type": kind, "access": access, "value": value} for place, _, value in pairs]
+
+
+ALWAYS = listed("UNSIGNED32", "ro", "1000:00=0 1018:01=0") + listed("UNSIGNED8", "ro", "1001:00=0")
 """Objects that every device has."""
 RATES = (1000, 800, 500, 250, 125, None, 50, 20, 10, 0)
 """kbit/s of the entries of table 0 of LSS; libraries are asked for a bit rate, not for an entry."""
 CLASSES = {1: 0x01, 2: 0x03, 3: 0x05, 4: 0x09, 0xF: 0x81}
+STRINGS = {"VISIBLE_STRING": "latin-1", "UNICODE_STRING": "utf-16-le"}
+REALS = {"REAL32": "<f", "REAL64": "<d"}
 
 
 def place_of(row: Row) -> tuple[int, int]:
@@ -32,15 +42,35 @@ def placed(rows: Iterable[Row]) -> dict[tuple[int, int], Row]:
 
 def variables(index: int, values: Iterable[int | str], kind: str = "UNSIGNED32", access: str = "rw") -> list[Row]:
     """Return objects with these values, from sub-index 1 on."""
-    return [
-        {"object": f"{index:04X}:{sub:02X}", "type": kind, "access": access, "value": str(value)}
-        for sub, value in enumerate(values, 1)
-    ]
+    return listed(kind, access, " ".join(f"{index:04X}:{sub:02X}={value}" for sub, value in enumerate(values, 1)))
 
 
-def watched(heartbeats: dict[str, int]) -> list[Row]:
+def watched(heartbeats: Mapping[Any, int]) -> list[Row]:
     """Return the entries of 1016h for a master that watches nodes."""
     return variables(0x1016, [int(node) << 16 | time for node, time in heartbeats.items()])
+
+
+def guarded(setup: Row, needed: list[Row]) -> list[Row]:
+    """Return the objects of a node of the kind `node-talk`: its identity and its life time, and those `needed`."""
+    life = setup.get("life_time", 0) // 1000
+    numbers = [int(text, 16) for text in setup.get("address", ["0"] * 4)]
+    rows = [row for row in (*ALWAYS, *needed) if row["object"] not in ("1018:01", "100C:00", "100D:00")]
+    rows += variables(0x1018, numbers, access="const") + listed("UNSIGNED16", "rw", f"100C:00={life}")
+    return rows + listed("UNSIGNED8", "rw", f"100D:00={int(life > 0)}")
+
+
+def value_bytes(kind: str, value: str | None, sizes: Mapping[int, int] | None = None) -> bytes:
+    """Return the bytes of a value of an object; `sizes` are those of a library that keeps more of some widths."""
+    if kind in ("DOMAIN", "OCTET_STRING"):
+        return octets(value or "")
+    if kind in STRINGS:
+        return (value or "").encode(STRINGS[kind])
+    if kind in REALS:
+        return struct.pack(REALS[kind], float(value or 0))
+    if kind.startswith("TIME_"):
+        raise NotOffered("the libraries make no variable of this type")
+    size = 1 if kind == "BOOLEAN" else int(kind.lstrip("UNSIGEDTR")) // 8
+    return int(value or 0).to_bytes((sizes or {}).get(size, size), "little", signed=kind.startswith("I"))
 
 
 def register_bits(code: int) -> int:

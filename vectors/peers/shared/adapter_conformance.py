@@ -1,8 +1,8 @@
 """For the adapters of servers that are given bytes and hand bytes back: the kind `server-conformance`.
 
-`make(line)` builds the library's server with unit 1, whose registers and coils 0 to 9 can be read and written. Its
-`hear(data)` takes what arrives without a pause, and returns what the server sends. A library that leaves it to its
-application where a frame ends in a stream is given one frame at a time: `cuts` is False.
+`make` builds the library's server as that of adapter_server.py does, here with unit 1, whose registers and coils 0 to 9
+can be read and written. Its `hear(data)` takes what arrives without a pause, and returns what the server sends. A
+library that leaves it to its application where a frame ends in a stream is given one frame at a time: `cuts` is False.
 """
 
 from __future__ import annotations
@@ -54,7 +54,7 @@ def responses(line: str, data: bytes) -> str:
     return "; ".join(map(hexed, found))
 
 
-def conformance_answers(make: Callable[[str], Heard], lines: set[str], cuts: bool = False) -> Answers:
+def conformance_answers(make: Callable[..., Heard], lines: set[str], cuts: bool = False) -> Answers:
     """Return the answers of a server on these lines."""
 
     def run(question: dict[str, Any]) -> dict[str, Any]:
@@ -66,7 +66,7 @@ def conformance_answers(make: Callable[[str], Heard], lines: set[str], cuts: boo
             several or (line == "tcp" and any("raw" in row for step in question["steps"] for row in step["send"]))
         ):
             raise NotOffered("where a frame ends in a stream, its application decides")
-        server = make(line)
+        server = make(line, {UNIT: {"holding_registers": {0: [0] * 10}, "coils": {0: [0] * 10}}}, {UNIT: {}})
         answers = []
         for step in question["steps"]:
             data = b"".join(

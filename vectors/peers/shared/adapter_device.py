@@ -17,6 +17,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[2] / "judge" / "py"))
 
 import fill
 from adapter import Answers, NotOffered, hexed
+from adapter_canopen import listed
 from patterns import fits_frames, parts
 
 Step = dict[str, Any]
@@ -39,9 +40,9 @@ PLAIN = (
     ("rw", "DOMAIN", "2100:00="),
 )
 OBJECTS = [
-    {"object": place, "type": kind, "access": access, "value": value, "mapped": MAPPED.get(place, "no")}
-    for access, kind, listed in PLAIN
-    for place, _, value in (one.partition("=") for one in listed.split())
+    {**row, "mapped": MAPPED.get(row["object"], "no")}
+    for access, kind, places in PLAIN
+    for row in listed(kind, access, places)
 ]
 
 

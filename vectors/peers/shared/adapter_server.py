@@ -1,9 +1,9 @@
 """For the adapters of servers: units with tables, asked step by step.
 
-`make(line, units)` builds the library's server. It has `ask(unit, pdu)`, which returns the PDU of the answer or None
-for silence, and `values(unit, table, first, count)`, which reads the tables without a request. `hear(data)` is for
-bytes that are no frame, `overrun()` for a character that the port has lost, `files(unit)` for the files in the end. A
-library that has `more` than tables is made with a third argument: the units as the case describes them.
+`make(line, units, described)` builds the library's server: `units` are tables, `described` the units as the case has
+them. It has `ask(unit, pdu)`, which returns the PDU of the answer or None for silence, and `values(unit, table, first,
+count)`, which reads the tables without a request. `hear(data)` is for bytes that are no frame, `overrun()` for a
+character that the port has lost, `files(unit)` for the files in the end. `more` is what a library has besides tables.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ def server_answers(
             for address, unit in server["units"].items()
         }
         described = {int(address): unit for address, unit in server["units"].items()}
-        theirs = make(server["line"], units, described) if more else make(server["line"], units)
+        theirs = make(server["line"], units, described)
         if not hasattr(theirs, "hear") and any("raw" in step for step in question["talk"]):
             raise NotOffered("the library is given whole frames")
         try:

@@ -1,7 +1,4 @@
-"""The module struct of Python's standard library as an adapter: it confirms numbers, not a protocol.
-
-barewire vectors check --adapter "python vectors/peers struct"
-"""
+"""The module struct of Python's standard library as an adapter: it confirms numbers, not a protocol."""
 
 from __future__ import annotations
 
@@ -30,4 +27,4 @@ def decode(question: dict[str, Any]) -> dict[str, Any]:
     return {"value": str(struct.unpack(form(question), octets(question["bytes"]))[0])}
 
 
-serve("Python", platform.python_version(), {"number": {"encode": encode, "decode": decode}})
+serve("Python", {"number": {"encode": encode, "decode": decode}}, platform.python_version())

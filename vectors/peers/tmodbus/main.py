@@ -1,11 +1,7 @@
-"""tmodbus as an adapter (Python 3.12 and later): its messages, ASCII frames, checksums, numbers in registers.
-
-barewire vectors check --adapter "python3.12 vectors/peers tmodbus"
-"""
+"""tmodbus as an adapter (Python 3.12 and later): its messages, ASCII frames, checksums, numbers in registers."""
 
 from __future__ import annotations
 
-from importlib.metadata import version
 from typing import Any
 
 import tmodbus.pdu as pdus
@@ -261,7 +257,6 @@ def decode_number(question: dict[str, Any]) -> dict[str, Any]:
 
 serve(
     "tmodbus",
-    version("tmodbus"),
     {
         "pdu": {"encode": encode_pdu, "decode": decode_pdu},
         "exchange": {"decode": exchange},

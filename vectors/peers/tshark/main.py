@@ -1,7 +1,5 @@
 """tshark as an adapter: it reads frames, as the dissectors of Wireshark understand them.
 
-barewire vectors check --adapter "python vectors/peers tshark"
-
 It has no answers for encoding. A field that tshark does not show is left out, and then the case is not offered.
 """
 
@@ -189,4 +187,4 @@ def lss(question: dict[str, Any]) -> dict[str, Any]:
 version = subprocess.run(["tshark", "--version"], capture_output=True, text=True, check=True).stdout.split()[2]
 CAN_ANSWERS = {"nmt": nmt, "node-state": node_state, "sync": sync, "time": time_of_day, "emcy": emcy, "sdo": sdo}
 CAN_ANSWERS |= {"cob-id": cob_id, "lss": lss}
-serve("tshark", version.rstrip("."), {kind: {"decode": function} for kind, function in CAN_ANSWERS.items()})
+serve("tshark", {kind: {"decode": function} for kind, function in CAN_ANSWERS.items()}, version.rstrip("."))

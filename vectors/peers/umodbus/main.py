@@ -1,11 +1,7 @@
-"""uModbus as an adapter: its functions, its checksum, and the frames of its two clients.
-
-barewire vectors check --adapter "python vectors/peers umodbus"
-"""
+"""uModbus as an adapter: its functions, its checksum, and the frames of its two clients."""
 
 from __future__ import annotations
 
-from importlib.metadata import version
 from typing import Any
 
 from adapter import NotOffered, bits, bitted, checksums, hexed, octets, serve, worded, words
@@ -113,7 +109,6 @@ def decode_rtu(question: dict[str, Any]) -> dict[str, Any]:
 
 serve(
     "uModbus",
-    version("uModbus"),
     {
         "pdu": {"encode": encode_pdu, "decode": decode_pdu},
         "exchange": {"decode": exchange},
