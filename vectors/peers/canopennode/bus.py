@@ -53,7 +53,10 @@ def said() -> list[str]:
 
 def stored(row: dict[str, Any]) -> tuple[bytes, int, int]:
     """Return the bytes of the default value of an object, the room of a domain, and the attributes for its type."""
-    kind, data = row["type"], value_bytes(row["type"], row.get("value"))
+    kind = row["type"]
+    if kind.startswith("TIME_"):
+        raise NotOffered("its editor of object dictionaries makes no variable of this type")
+    data = value_bytes(kind, row.get("value"))
     if kind in ("DOMAIN", "OCTET_STRING"):
         return data, SPACE * 8, 0
     if kind in STRINGS:

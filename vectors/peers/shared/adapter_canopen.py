@@ -6,7 +6,7 @@ import struct
 from collections.abc import Iterable, Mapping
 from typing import Any
 
-from adapter import NotOffered, octets
+from adapter import octets
 
 Row = dict[str, Any]
 
@@ -67,8 +67,6 @@ def value_bytes(kind: str, value: str | None, sizes: Mapping[int, int] | None = 
         return (value or "").encode(STRINGS[kind])
     if kind in REALS:
         return struct.pack(REALS[kind], float(value or 0))
-    if kind.startswith("TIME_"):
-        raise NotOffered("the libraries make no variable of this type")
     size = 1 if kind == "BOOLEAN" else int(kind.lstrip("UNSIGEDTR")) // 8
     return int(value or 0).to_bytes((sizes or {}).get(size, size), "little", signed=kind.startswith("I"))
 
