@@ -185,6 +185,18 @@ def mutants() -> str:
     return "\n".join(rows)
 
 
+def mistakes() -> str:
+    """Return the table: how many mistakes of mistakes.json were met in a thread, in a program asked, and nowhere."""
+    catalogue: list[dict[str, Any]] = json.loads((VECTORS / "mistakes.json").read_text(encoding="utf-8"))
+    rows = ["| class | mistakes | in a thread | in a program asked | not met |", "|---|--:|--:|--:|--:|"]
+    for name, count in [*Counter(row["class"] for row in catalogue).most_common(), ("**all**", len(catalogue))]:
+        of_class = [row for row in catalogue if name in (row["class"], "**all**")]
+        met = [sum(bool(row[where]) for row in of_class) for where in ("seen", "programs")]
+        unmet = sum(not row["seen"] and not row["programs"] for row in of_class)
+        rows.append(f"| {name} | {count} | {' | '.join(str(number or '') for number in (*met, unmet))} |")
+    return "\n".join(rows)
+
+
 def profiles() -> str:
     """Return the table: the profiles, and how many cases each has."""
     vectors = load_vectors(VECTORS)
@@ -220,7 +232,7 @@ def tables() -> dict[str, dict[str, Callable[[], str]]]:
         "README.md": {"profiles": profiles},
         "CASES.md": {"counts": counts},
         "AUTHORITY.md": {"authorities": authorities, "confirmers": confirmers, "confirmations": confirmations},
-        "reference/README.md": {"mutants": mutants},
+        "reference/README.md": {"mutants": mutants, "mistakes": mistakes},
         **{f"kinds/{kind}.md": {"questions": partial(asked, kind)} for kind in kinds},
     }
 

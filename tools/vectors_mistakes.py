@@ -10,9 +10,11 @@ change that makes it in a file of a stack:
 
 The tool writes `case`, the first that fails for the mistake and passes without it, and `programs`: those of others that
 give the same wrong answer in one of the cases that notice it. `seen` are threads, read by hand, in which somebody
-describes the mistake. A mistake that no case notices needs a `why`; the tool ends with status 1 if there is none. What
-the standard permits, a change that changes nothing, and one that an adapter cannot reach, is no mistake. Mutation
-(tools/vectors_mutants.py) cannot find a check that the reference does not have; this catalogue is written by hand.
+describes the mistake, or a file that makes it. A mistake with neither was not met: the table in
+vectors/reference/README.md (`python -m tools.vectors`) counts them. A mistake that no case notices needs a `why`; the
+tool ends with status 1 if there is none. What the standard permits, a change that changes nothing, and one that an
+adapter cannot reach, is no mistake. Mutation (tools/vectors_mutants.py) cannot find a check that the reference does not
+have; this catalogue is written by hand.
 """
 
 from __future__ import annotations
