@@ -37,7 +37,8 @@ function answers(words, rows, timeout) {
     const send = (message) => child.stdin.write(`${JSON.stringify(message)}\n`);
     function wait(time) {
       clearTimeout(timer);
-      timer = setTimeout(() => lose(`no answer within ${time / 1000} s`), time);
+      const [toWhat, hint] = isGreeted ? ['', ''] : [' to the hello', '; is its input read line by line, and its output flushed after each line?'];
+      timer = setTimeout(() => lose(`no answer${toWhat} within ${time / 1000} s${hint}`), time);
     }
     function end() {
       clearTimeout(timer);

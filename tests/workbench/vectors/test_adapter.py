@@ -135,7 +135,8 @@ def test_a_program_that_is_not_an_adapter_is_refused(command: str, text: str) ->
 
 def test_an_output_that_is_not_flushed_is_suspected(tmp_path: Path, monkeypatch: pytest.MonkeyPatch) -> None:
     monkeypatch.setattr("barewire_workbench.live.vector_adapter.START_TIMEOUT", 0.2)
-    with pytest.raises(PortError, match=r"no answer to the hello within 0\.2 s; is its output flushed after each line"):
+    hint = "is its input read line by line, and its output flushed after each line"
+    with pytest.raises(PortError, match=rf"no answer to the hello within 0\.2 s; {hint}"):
         VectorAdapter(f"{sys.executable} -c 'import time; time.sleep(60)'")
 
 

@@ -35,6 +35,7 @@ from barewire_workbench.vectors.run import AdapterFailure
 PROTOCOL = 1
 START_TIMEOUT = 30.0
 """Seconds in which a program must answer the hello: interpreters and virtual machines start slowly."""
+BUFFERED = "; is its input read line by line, and its output flushed after each line?"
 LINE_LONGEST = 1 << 20
 """Bytes of a line of answer."""
 WINDOW = 64
@@ -220,7 +221,7 @@ class VectorAdapter:
             try:
                 line = self._lines.get(timeout=max(0.0, until - time.monotonic()))
             except queue.Empty:
-                to_what, hint = ("", "") if wanted else (" to the hello", "; is its output flushed after each line?")
+                to_what, hint = ("", "") if wanted else (" to the hello", BUFFERED)
                 self._fail(f"no answer{to_what} within {timeout:g} s{hint}", is_ending=False)
             if line is None:
                 self._fail("it ended without an answer")
