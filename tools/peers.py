@@ -15,6 +15,9 @@ A peer.toml has `name`, `language`, `what`, and one recipe:
 In the commands of `build`, {source} is the folder of the sources (only `paths` of them, if given), {here} the folder of
 the peer, {product} the file to make. What is built is in vectors/peers/NAME/build.
 
+`again` is for a program in real time: so many times its cases that failed are asked again, and one that passes then has
+passed. A busy machine is late now and then; a wrong answer comes each time.
+
 A row of `restates` names cases whose answer the adapter makes itself, wholly or in part: the program does not confirm
 them. `having` is a regular expression that the case has, as JSON.
 
@@ -46,7 +49,7 @@ from barewire.errors import PortError
 from barewire_workbench.live.vector_adapter import VectorAdapter
 from barewire_workbench.vectors.files import Vectors
 from barewire_workbench.vectors.questions import Question
-from barewire_workbench.vectors.run import CheckedCase, run_cases
+from barewire_workbench.vectors.run import CheckedCase, run_cases, selected
 
 ROOT = Path(__file__).parent.parent
 ADAPTERS = ROOT / "vectors" / "peers"
@@ -84,7 +87,7 @@ class Peer:
     @cached_property
     def _stamp(self) -> str:
         made_of = [file for file in sorted(self.folder.iterdir()) if file.suffix in (".c", ".h")]
-        recipe = {key: value for key, value in self.recipe.items() if key != "restates"}
+        recipe = {key: value for key, value in self.recipe.items() if key not in ("restates", "again")}
         return _digest([json.dumps(recipe).encode(), *(file.read_bytes() for file in made_of)])
 
     @cached_property
@@ -215,7 +218,13 @@ class PeerRun(NamedTuple):
 def run(peer: Peer, vectors: Vectors) -> PeerRun:
     """Ask a program every case. Raise PortError if it does not start."""
     with VectorAdapter(peer.command(), timeout=TIMEOUT) as adapter:
-        return PeerRun(peer, adapter.version, tuple(run_cases(vectors, adapter)))
+        cases = {checked.id: checked for checked in run_cases(vectors, adapter)}
+        for _ in range(peer.recipe.get("again", 0)):
+            failed = [checked.id for checked in cases.values() if checked.verdict.state == "failed"]
+            if failed:
+                asked_again = run_cases(selected(vectors, only=failed), adapter)
+                cases |= {checked.id: checked for checked in asked_again if checked.verdict.state == "passed"}
+        return PeerRun(peer, adapter.version, tuple(cases.values()))
 
 
 def confirms(peer: Peer, checked: CheckedCase) -> bool:

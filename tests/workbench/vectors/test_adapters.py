@@ -7,6 +7,7 @@ from __future__ import annotations
 
 import json
 import re
+import shlex
 import subprocess
 import sys
 from pathlib import Path
@@ -15,6 +16,7 @@ from typing import Any
 import pytest
 
 from barewire.errors import PortError
+from barewire_workbench.vectors.run import selected
 from tests.workbench.vectors.loaded import VECTORS
 from tools import scoreboard
 from tools.peers import ADAPTERS, PEERS, ROOT, Peer, PeerRun, build, confirms, run
@@ -187,15 +189,16 @@ COMPUTES = re.compile(r"\b(to_bytes|from_bytes|struct\.(un)?pack|crc_hqx|writeUI
 MADE_OF_NUMBERS = {
     "adapter.js": "the order of the two bytes of a CRC",
     "adapter.py": "the order of the two bytes of a CRC",
+    "adapter_canopen.py": "values of objects, which a stack is given as memory",
     "adapter_client.py": "requests of a case as arguments; echoed fields are restated",
     "adapter_conformance.py": "frames of the tester",
-    "c-modbus-slave": "the header of a request, and the order of the two bytes of a CRC",
+    "c-modbus-slave": "the order of the two bytes of a CRC",
     "canopen": "a request to its server, a delay as an argument",
-    "canopennode": "values of objects as memory, numbers of requests",
+    "canopennode": "numbers of requests",
     "crcmod": "the order of the two bytes of a CRC",
     "cryptography": "a list around the extensions, which the decoder wants",
     "freemodbus": "the order of the two bytes of a CRC",
-    "lely": "values of objects as memory, and memory as numbers",
+    "lely": "memory as numbers",
     "mbusd": "the length of a frame that it has sent",
     "modbus-pdu": "registers that it gives as bytes",
     "modbus-serial": "the CRC of a reply to it; arguments of a request",
@@ -228,3 +231,30 @@ def test_at_least_eight_stacks_in_three_languages() -> None:
     stacks = [peer.name for peer in PEERS if peer.name in DATA and not peer.oracle]
     assert len(stacks) >= 8
     assert len({DATA[name]["language"] for name in stacks}) >= 3
+
+
+LATE = """
+import json, sys
+
+asked = []
+for line in sys.stdin:
+    question = json.loads(line)
+    asked.append(question.get("id"))
+    total = -sum(bytes.fromhex(question.get("bytes", ""))) & 0xFF
+    is_late = asked.count("lrc-1.encode") == 1 and asked[-1] == "lrc-1.encode"
+    wrong = is_late or asked[-1] == "lrc-3.encode"
+    answer = {"id": asked[-1], "is": {"lrc": f"{total ^ wrong:02X}"}}
+    print(json.dumps(answer if asked[-1] else {"name": "late", "kinds": {"lrc": ["encode"]}}), flush=True)
+"""
+
+
+@pytest.mark.parametrize(("again", "failed"), [("", {"lrc-1", "lrc-3"}), ("again = 1\n", {"lrc-3"})])
+def test_a_program_in_real_time_is_asked_again_what_failed(tmp_path: Path, again: str, failed: set[str]) -> None:
+    """What was late passes then; what is wrong fails again."""
+    (tmp_path / "peer.toml").write_text('name = "late"\nlanguage = "Python"\nwhat = "LRC"\n' + again)
+    (tmp_path / "late.py").write_text(LATE)
+    peer = Peer(tmp_path)
+    peer.command = lambda: shlex.join([sys.executable, str(tmp_path / "late.py")])  # type: ignore[method-assign]
+    found = run(peer, selected(VECTORS, only=["lrc-[123]"]))
+    assert {case_id for _, case_id, state in found.states() if state == "failed"} == failed
+    assert [checked.id for checked in found.cases] == ["lrc-1", "lrc-2", "lrc-3"]
