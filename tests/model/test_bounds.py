@@ -11,7 +11,7 @@ import pytest
 from tests.model import bounds
 
 pytestmark = pytest.mark.long
-RUNS = 16
+RUNS = 8
 """Of each carrier, with default options and with every option."""
 CHECKED_ELSEWHERE = {
     "modbus/client/read_identification.py: ": "requests in a row: tests/modbus/client/test_read_identification.py",

@@ -307,7 +307,7 @@ _CobIds = tuple[CobEntry, CobEntry]
 
 def validate_channel_writes(objects: ObjectDictionary) -> None:
     """Validate writes to the objects 1201h to 12FFh that the dictionary has."""
-    for index in range(SERVER_1 + 1, _CLIENT_1 + _CLIENTS_MAX):
+    for index in filter(objects.subs, range(SERVER_1 + 1, _CLIENT_1 + _CLIENTS_MAX)):
         for sub in (_REQUEST, _RESPONSE):
             validate_cob_id_writes(objects, index, lambda entry: not entry.bit31, sub)
 

@@ -45,8 +45,7 @@ _DUMMY_BITS = {0x0001: 1, 0x0002: 8, 0x0003: 16, 0x0004: 32, 0x0005: 8, 0x0006: 
 """The bits of the data types that fill a mapping: BOOLEAN, INTEGER8 to 32, UNSIGNED8 to 32."""
 LAST_CYCLIC, RTR_AT_SYNC, RTR_AT_ONCE = 240, 252, 253
 
-_DIRECTIONS: tuple[PdoDirection, ...] = ("RPDO", "TPDO")
-_COMMUNICATION = {"RPDO": 0x1400, "TPDO": 0x1800}
+_COMMUNICATION: dict[PdoDirection, int] = {"RPDO": 0x1400, "TPDO": 0x1800}
 _MAPPING = {"RPDO": 0x1600, "TPDO": 0x1A00}
 
 
@@ -135,9 +134,9 @@ def pdos_of(objects: ObjectDictionary, node: int, *, refused: list[str] | None =
     such a PDO is returned without its mapping and switched off, so that the device works, and the reason is appended.
     """
     configs = []
-    for direction in _DIRECTIONS:
-        for number in range(1, PDOS_MAX + 1):
-            pdo = _described_pdo(objects, node, direction, number)
+    for direction, first in _COMMUNICATION.items():
+        for index in filter(objects.subs, range(first, first + PDOS_MAX)):
+            pdo = _described_pdo(objects, node, direction, index - first + 1)
             if pdo is None:
                 continue
             if refused is not None:
