@@ -237,6 +237,13 @@ def test_a_log_of_modbus_and_one_of_can() -> None:
     found = ask("log", text="(1.0) can0 705#00\n(1.3) can0 605#4041600000000000\n")
     assert found["kind"] == "CAN"
     assert any("boot-up" in line for line in found["lines"])
+    sent = "10:00:00,100 DEBUG send: 0x1 0x3 0x0 0x0 0x0 0x2 0xc4 0xb\n"
+    found = ask("log", text=2 * f"2026-03-01 {sent}")
+    assert [line[:17] for line in (found["lines"][0], found["findings"][0])] == ["10:00:00.100000  "] * 2
+    assert ">10:00:00.100000<" in found["picture"]
+    assert "time, s" not in found["picture"]
+    lines = ask("log", text=f"2026-03-01 {sent}2026-03-02 {sent}")["lines"]
+    assert [line[:28] for line in lines] == ["2026-03-01 10:00:00.100000  ", "2026-03-02 10:00:00.100000  "]
     unanswered = "".join(f"{second}.0 01 03 00 00 00 02 C4 0B\n" for second in range(6))
     assert "no-answers" in str(ask("log", text=unanswered)["verdicts"])
     many = "".join(f"({number}.0) can0 585#80181005000000{number % 256:02X}\n" for number in range(700))

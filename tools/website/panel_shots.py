@@ -26,7 +26,7 @@ HEIGHT, TALL = 800, 1000
 START = "from barewire_workbench.cli import main; main()"
 COMMAND = [sys.executable, "-c", START, "simulate", "--panel"]
 DRIVE = "csd-mt", "rtu://pty"
-STARTER = "adxl", "rtu://pty", "--fault", "noise:0.03", "--seed", "3"
+STARTER = "adxl", "rtu://pty", "--fault", "noise:0.01", "--seed", "3"
 EXPLAINED, WRITING = {(1280, "light"), (390, "dark")}, {(1280, "dark"), (390, "light")}
 
 

@@ -28,7 +28,7 @@ SHOTS = ROOT / "build" / "shots"
 SIZES = {390: 844, 1280: 900}
 THEMES = ("light", "dark")
 KEPT = {
-    "index": ((1280, "light"), (390, "dark")),
+    "index": ((1280, "light"), (1280, "dark"), (390, "light"), (390, "dark")),
     "tutorial/01-bits-on-a-wire": ((1280, "dark"), (390, "light")),
     "how-to/migrate": ((1280, "light"),),
     "reference/messages-modbus": ((1280, "dark"), (390, "light")),
@@ -100,11 +100,11 @@ def take(url: str, target: Path, width: int, height: int) -> None:
 
 
 def cropped(file: Path, width: int, height: int) -> None:
-    """Cut the picture to the frame, with 64 colours so that it is small."""
+    """Cut the picture to the frame, with 128 colours so that it is small; of fewer, a green lamp becomes black."""
     from PIL import Image
 
     with Image.open(file) as image:
-        small = image.convert("RGB").crop((0, 0, width, height)).quantize(64, dither=Image.Dither.NONE)
+        small = image.convert("RGB").crop((0, 0, width, height)).quantize(128, dither=Image.Dither.NONE)
     small.save(file, optimize=True)
 
 

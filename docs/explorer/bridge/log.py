@@ -2,8 +2,10 @@
 
 from __future__ import annotations
 
+import re
 from base64 import b64decode
 from collections.abc import Iterable, Iterator
+from datetime import UTC, datetime
 from itertools import islice
 from typing import Any
 
@@ -22,6 +24,8 @@ from barewire_workbench.recordings.model import Unread
 
 _LONGEST = 200_000
 """The longest log in characters: a page that shows more is no longer read."""
+_SECONDS = re.compile(r"(?<![\d.])(1\d{9}\.\d{6})( s\b)?")
+"""Seconds since 1970, from 2001 to 2033."""
 _LINES = 500
 _FINDINGS = 50
 
@@ -42,14 +46,30 @@ def log(text: str = "", data: str = "") -> dict[str, Any]:
     if len(kept) > _LINES:
         kept[_LINES:] = [f"... more than {_LINES} lines: `barewire sniff` shows all of them"]
     findings, verdicts = _can_diagnosis(recording) if is_can else _modbus_diagnosis(recording)
+    picture = html_fragment(recording_picture("this log", recording), "picture-log")
+    if _SECONDS.search(picture):
+        picture = picture.replace(">time, s<", ">time<")
+    kept, findings, verdicts, (picture,) = _with_times(kept, findings, verdicts, [picture])
     return {
         "findings": findings,
         "verdicts": verdicts,
         "kind": "CAN" if is_can else "Modbus",
         "lines": kept,
         "notes": notes,
-        "picture": html_fragment(recording_picture("this log", recording), "picture-log"),
+        "picture": picture,
     }
+
+
+def _with_times(*texts: list[str]) -> list[list[str]]:
+    """Return texts with the time of day, as the log has it, for seconds since 1970; with the date where it changes."""
+    moments = [float(match[1]) for lines in texts for line in lines for match in _SECONDS.finditer(line)]
+    days = {int(moment // 86400) for moment in moments}
+    form = "%H:%M:%S.%f" if len(days) == 1 else "%Y-%m-%d %H:%M:%S.%f"
+
+    def time(match: re.Match[str]) -> str:
+        return datetime.fromtimestamp(float(match[1]), UTC).strftime(form)
+
+    return [[_SECONDS.sub(time, line) for line in lines] for lines in texts]
 
 
 def _modbus_lines(data: bytes) -> tuple[Iterator[str], list[str]]:
