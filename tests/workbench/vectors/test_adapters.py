@@ -198,7 +198,7 @@ MADE_OF_NUMBERS = {
     "crcmod": "the order of the two bytes of a CRC",
     "cryptography": "a list around the extensions, which the decoder wants",
     "freemodbus": "the order of the two bytes of a CRC",
-    "lely": "memory as numbers",
+    "lely": "the objects that say how a slave is booted as memory, and memory as numbers",
     "mbusd": "the length of a frame that it has sent",
     "modbus-pdu": "registers that it gives as bytes",
     "modbus-serial": "the CRC of a reply to it; arguments of a request",
