@@ -11,7 +11,7 @@ import ast
 import re
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterable, Iterator
 from fnmatch import fnmatch
 
 import pytest
@@ -108,10 +108,10 @@ FIELDBUS_LIBRARIES = {
 }
 
 
-def imports(source: str, module: str, is_package: bool) -> Iterator[tuple[int, str]]:
-    """Yield every (line, dotted name) that the source imports, relative ones resolved against `module`."""
+def imports(nodes: Iterable[ast.AST], module: str, is_package: bool) -> Iterator[tuple[int, str]]:
+    """Yield every (line, dotted name) that the nodes import, relative ones resolved against `module`."""
     package = module.split(".") if is_package else module.split(".")[:-1]
-    for node in ast.walk(ast.parse(source)):
+    for node in nodes:
         if isinstance(node, ast.Import):
             yield from ((node.lineno, alias.name) for alias in node.names)
         elif isinstance(node, ast.ImportFrom):
@@ -128,7 +128,7 @@ def within(name: str, allowed: set[str]) -> bool:
     return any(name == room or name.startswith(room + ".") for room in allowed)
 
 
-def broken_rules(source: str, path: str) -> list[str]:
+def broken_rules(nodes: Iterable[ast.AST], path: str) -> list[str]:
     """Return what the file `path`, such as barewire/rtu/crc.py, must not import, each with the rule that it breaks."""
     parts = path.removesuffix(".py").split("/")
     is_package = parts[-1] == "__init__"
@@ -137,7 +137,7 @@ def broken_rules(source: str, path: str) -> list[str]:
     if room not in ALLOWED:
         return [f"{path}:1: the room {room!r} is not in STACK or WORKBENCH of tests/test_layers.py"]
     found = []
-    for line, name in sorted(imports(source, module, is_package)):
+    for line, name in sorted(imports(nodes, module, is_package)):
         top = name.partition(".")[0]
         rule = ""
         if top in rooms.HOUSES:
@@ -162,7 +162,7 @@ def test_every_import_is_allowed() -> None:
     for module, file in rooms.files().items():
         path = file.relative_to(rooms.HOUSES[module.partition(".")[0]])
         if len(path.parts) > 1:
-            found += broken_rules(file.read_text(encoding="utf-8"), path.as_posix())
+            found += broken_rules(rooms.loading_nodes(file), path.as_posix())
     assert not found, "\n".join(found)
 
 
@@ -283,10 +283,10 @@ ACCEPTED = {
 
 @every_case(("path", "source"), REFUSED.values())
 def test_a_wrong_import_is_found(path: str, source: str) -> None:
-    (found,) = broken_rules(source, path)
+    (found,) = broken_rules(rooms.nodes_that_load(source), path)
     assert found.startswith(f"{path}:{len(source.splitlines()) if 'profinet' not in path else 1}: ")
 
 
 @pytest.mark.parametrize(("path", "source"), ACCEPTED.values(), ids=ACCEPTED)
 def test_an_allowed_import_is_accepted(path: str, source: str) -> None:
-    assert broken_rules(source, path) == []
+    assert broken_rules(rooms.nodes_that_load(source), path) == []

@@ -37,10 +37,26 @@ def files() -> dict[str, Path]:
     return found
 
 
+@cache
+def loading_nodes(path: Path) -> list[ast.Import | ast.ImportFrom | ast.Call]:
+    """Return `nodes_that_load` of a file, which is read once for the drawing and its tests."""
+    return nodes_that_load(path.read_text(encoding="utf-8"))
+
+
+def nodes_that_load(source: str) -> list[ast.Import | ast.ImportFrom | ast.Call]:
+    """Return the imports in a source, and calls whose first argument is a constant, such as `import_module("x")`."""
+    return [
+        node
+        for node in ast.walk(ast.parse(source))
+        if isinstance(node, ast.Import | ast.ImportFrom)
+        or (isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant))
+    ]
+
+
 def imports(path: Path) -> Iterator[tuple[str, str]]:
     """Yield every (module, name) of our packages that the file imports, wherever in the file: functions and type
     checking too."""
-    for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+    for node in loading_nodes(path):
         if isinstance(node, ast.ImportFrom) and node.module and node.module.split(".")[0] in HOUSES:
             yield from ((node.module, alias.name) for alias in node.names)
         elif isinstance(node, ast.Import):

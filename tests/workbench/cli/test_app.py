@@ -17,7 +17,7 @@ from barewire.devices.sim import simulator
 from barewire.errors import PortError
 from barewire_workbench.cli.app import COMMANDS
 from tests.helpers import every_case, free_port
-from tests.workbench.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, run_command, simulated_at
+from tests.workbench.cli.helpers import COMMAND, ENVIRONMENT, error_of, output_of, run_command, run_here, simulated_at
 
 
 def test_version_and_help() -> None:
@@ -54,7 +54,7 @@ def test_more_verbose_writes_all_bytes() -> None:
 
 @pytest.mark.parametrize("group", [(), ("eds",), ("drive",)])
 def test_a_group_without_a_command_shows_its_help_page(group: tuple[str, ...]) -> None:
-    run = run_command(*group)
+    run = run_here(*group)
     assert run.stdout + run.stderr == output_of(*group, "--help")
 
 
