@@ -229,6 +229,27 @@ def test_a_control_word_in_a_dcf_is_left_out_and_a_drive_that_is_enabled_is_refu
         assert "the drive is in OPERATION ENABLED" in error_of("restore", str(file), url, "--no-store", status=1)
 
 
+def test_a_damaged_dcf_is_not_equal_to_a_device(tmp_path: Path) -> None:
+    """A value that cannot be read is refused as by `restore`; a file that was cut says so."""
+    file = tmp_path / "left.dcf"
+    url = "can://memory/keep-damaged?node=5"
+    document = export(load("az3"))
+    document.set(0x6081, 0, "ParameterValue", 777)
+    whole = document.encode()
+    with CanopenServer(url, device="az3"):
+        for damaged in (b"77x", b"9999999999"):
+            file.write_bytes(whole.replace(b"ParameterValue=777", b"ParameterValue=" + damaged))
+            for words in (("diff", str(file), url), ("restore", str(file), url)):
+                error = error_of(*words, status=2)
+                assert "[6081] ParameterValue = " + damaged.decode() in error, words
+                assert str(file) in error, words
+        file.write_bytes(whole[: whole.index(b"ParameterValue=777") + 19])
+        for cut in (("diff", str(file), url), ("restore", str(file), url, "--dry-run")):
+            note = run_here(*cut).stderr
+            assert note.startswith(f"barewire: {file}: line "), cut
+            assert note.endswith(" more: is the file whole?\n"), cut
+
+
 # The file
 
 

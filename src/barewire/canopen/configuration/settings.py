@@ -139,12 +139,7 @@ def device_configuration(dcf: Eds, node: int | None = None) -> DeviceConfigurati
     none is given, and for values that a `DeviceConfiguration` cannot have.
     """
     items = {(described.index, item.sub): item for described, item in every_item(dcf.objects.values())}
-    unreadable = [
-        str(finding) for finding in dcf.diagnostics if "ParameterValue" in finding.text and finding.rule in _UNREADABLE
-    ]
-    if unreadable:
-        more = f"; and {len(unreadable) - 1} more" if len(unreadable) > 1 else ""
-        raise EncodeError(f"line {unreadable[0]}{more}", "dcf")
+    check_readable(dcf)
     if not any(item.value is not None for item in items.values()):
         raise EncodeError("the file has no ParameterValue: expected a DCF, such as eds.to_dcf makes of an EDS", "dcf")
     number = dcf.node_id if node is None else node
@@ -157,6 +152,16 @@ def device_configuration(dcf: Eds, node: int | None = None) -> DeviceConfigurati
     settings = tuple(_settings(objects, items, left_out))
     identity = tuple(_identity(dcf, objects, items))
     return DeviceConfiguration(number, settings, identity, _date(dcf, objects, items), tuple(left_out))
+
+
+def check_readable(dcf: Eds) -> None:
+    """Raise EncodeError if a ParameterValue cannot be read."""
+    unreadable = [
+        str(finding) for finding in dcf.diagnostics if "ParameterValue" in finding.text and finding.rule in _UNREADABLE
+    ]
+    if unreadable:
+        more = f"; and {len(unreadable) - 1} more" if len(unreadable) > 1 else ""
+        raise EncodeError(f"line {unreadable[0]}{more}", "dcf")
 
 
 def _settings(

@@ -4,12 +4,13 @@ from __future__ import annotations
 
 from pathlib import Path
 
+from barewire.canopen.configuration.settings import check_readable
 from barewire.canopen.eds import Eds, parse
 from barewire.devices import Device
 from barewire.errors import EncodeError, shown
 from barewire_workbench.cli.arguments import load_device
 from barewire_workbench.cli.canopen import configure_node, parsed_file
-from barewire_workbench.cli.output import Output, file_content
+from barewire_workbench.cli.output import Output, file_content, note
 from barewire_workbench.cli.raw_address import RAW
 from barewire_workbench.cli.shown_frames import frames_shown
 from barewire_workbench.eds.device import configured_values
@@ -29,6 +30,7 @@ def is_dcf(file: Path) -> bool:
 
 def read_dcf(file: Path, endpoint: str = "") -> SavedSettings:
     """Return the settings of a DCF, for the node of an endpoint if there is one, otherwise for that of the file."""
+    _parsed(file)
     return settings_of_dcf(load_device(str(file), endpoint))
 
 
@@ -43,7 +45,7 @@ def configure(file: Path, endpoint: str, output: Output, *, dry_run: bool, store
         raise EncodeError(f"endpoint {shown(endpoint, 200)}: a DCF is for CANopen: expected can://")
     from barewire import CanopenClient
 
-    dcf = parsed_file(file)
+    dcf = _parsed(file)
     left_out = _without_commands(dcf, load_device(str(file)))
     with (
         frames_shown(endpoint, RAW, frames, output) as options,
@@ -54,6 +56,21 @@ def configure(file: Path, endpoint: str, output: Output, *, dry_run: bool, store
             check_at_rest(int.from_bytes(node.sdo.upload(_STATUS_WORD), "little"))
         configure_node(node, output, dry_run=dry_run, store=store)
     output.text(*(f"left out: {name}: it is no setting" for name in left_out))
+
+
+def _parsed(file: Path) -> Eds:
+    """Return a DCF. Raises EncodeError for a value that cannot be read; notes what a file that was cut has lost."""
+    dcf = parsed_file(file)
+    try:
+        check_readable(dcf)
+    except EncodeError as error:
+        error.add_context(str(file))
+        raise
+    missing = [finding for finding in dcf.diagnostics if finding.rule == "no-object"]
+    if missing:
+        more = f", and {len(missing) - 1} more" if len(missing) > 1 else ""
+        note(f"{file}: line {missing[0]}{more}: is the file whole?")
+    return dcf
 
 
 def _without_commands(dcf: Eds, device: Device) -> list[str]:
