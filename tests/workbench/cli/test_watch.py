@@ -275,9 +275,7 @@ def test_a_plot_does_not_take_the_place_of_its_log_and_lines_that_are_no_rows_ar
     log.write_text("time,A [V],error\n2026-11-28T03:00:00+01:00,1,\n2026-11-28T03:0\n")
     assert "night.svg is the same file, which would be overwritten" in error_of("plot", str(log), status=2)
     drawn = run_here("plot", str(log), "--to", str(tmp_path / "night.png"))
-    assert (
-        drawn.stderr == f"barewire: {tmp_path}/night.png: 1 rows, 1 left out that have not the cells of the heading\n"
-    )
+    assert drawn.stderr == f"barewire: {tmp_path}/night.png: 1 rows, 1 left out that are damaged\n"
     assert "/dev/zero: a device, not a file" in error_of("plot", "/dev/zero", "--to", str(tmp_path / "zero.svg"))
 
 

@@ -143,9 +143,9 @@ def test_files_that_are_no_logs_are_named(tmp_path: Path) -> None:
         with refused(PortError, "No such file"):
             read_logs([str(tmp_path / missing)])
     assert not (tmp_path / "none.db").exists()
-    for name in ("binary.csv", "binary.db"):
+    for name, error in (("binary.csv", EncodeError), ("binary.db", PortError)):
         (tmp_path / name).write_bytes(b"\xff\xfe\0" * 100)
-        with pytest.raises(PortError):
+        with pytest.raises(error):
             read_logs([str(tmp_path / name)])
 
 
@@ -155,6 +155,17 @@ def test_half_a_line_at_the_end_is_not_drawn(tmp_path: Path) -> None:
     curves = read_logs([str(path)])
     assert curves.curves[0].values == [1.0]
     assert curves.left_out == 1
+
+
+def test_a_damaged_row_costs_only_itself(tmp_path: Path) -> None:
+    """A byte that is no UTF-8, in a value or in the time; more bytes without a line end than a cell may have."""
+    path = tmp_path / "night.csv"
+    row = b"2026-11-28T03:00:00.000+01:00,%d,\n"
+    damaged = [row[:30] + b"\xff,\n", row[:8] + b"\xff" + row[9:] % 2, b"\0" * 200_000 + b"\n"]
+    path.write_bytes(b"time,A [V],error\n" + b"".join([row % 1, *damaged, row % 3]))
+    curves = read_logs([str(path)])
+    assert str(curves.curves[0].values) == "[1.0, nan, 3.0]"
+    assert (curves.count, curves.left_out) == (3, 2)
 
 
 def test_a_log_that_a_spreadsheet_has_saved_is_read(tmp_path: Path) -> None:

@@ -52,7 +52,7 @@ def plot_command(files: tuple[str, ...], names: tuple[str, ...], path: str | Non
     check_number_of_curves("--to", target, len(curves.curves))
     draw_plot(target, target, curves.curves if connect else [broken(curve) for curve in curves.curves])
     drawn = f", one in {curves.every} is drawn" if curves.every > 1 else ""
-    left_out = f", {curves.left_out} left out that have not the cells of the heading" if curves.left_out else ""
+    left_out = f", {curves.left_out} left out that are damaged" if curves.left_out else ""
     note(f"{target}: {curves.count} rows{drawn}{left_out}")
 
 

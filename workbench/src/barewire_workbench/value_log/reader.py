@@ -6,7 +6,7 @@ import csv
 import re
 import sqlite3
 from collections.abc import Iterable, Iterator, Sequence
-from contextlib import closing, suppress
+from contextlib import closing
 from datetime import datetime
 from itertools import pairwise
 from statistics import median
@@ -116,21 +116,31 @@ def read_logs(paths: Sequence[str], names: Sequence[str] = ()) -> Curves:
         elif columns != heading:
             raise EncodeError(f"{path}: it has other columns than {paths[0]}")
         for row in rows:
-            if len(row) == len(heading):
-                curves.add(_time(path, row[0]), row[1:-1])
-            else:
+            time = _time(path, row[0]) if len(row) == len(heading) else None
+            if time is not None:
+                curves.add(time, row[1:-1])
+            elif curves.count or len(row) != len(heading):
                 curves.left_out += 1
+            else:
+                raise _no_time(path, row[0])
     assert curves is not None, "there is a path"
     curves.curves = _chosen(curves.curves, names)
     return curves
 
 
-def _time(path: str, text: str) -> datetime:
-    with suppress(ValueError):
+def _time(path: str, text: str) -> datetime | None:
+    """Return the time of a row, None if it is damaged. Raises EncodeError for one that no log has."""
+    try:
         time = datetime.fromisoformat(text)
-        if time.tzinfo is not None and time.year in _YEARS:
-            return time
-    raise EncodeError(f"{path}: {shown(text)}: expected a time such as 2026-11-28T03:00:00+01:00")
+    except ValueError:
+        return None
+    if time.tzinfo is None or time.year not in _YEARS:
+        raise _no_time(path, text)
+    return time
+
+
+def _no_time(path: str, text: str) -> EncodeError:
+    return EncodeError(f"{path}: {shown(text)}: expected a time such as 2026-11-28T03:00:00+01:00")
 
 
 def _chosen(curves: list[Curve], names: Sequence[str]) -> list[Curve]:
@@ -159,15 +169,28 @@ def _number(value: Value | None) -> float:
 
 
 def _rows(path: str) -> Iterator[list[str]]:
-    """Yield the heading and the rows as text."""
+    """Yield the heading and the rows as text. What is no text is replaced: it spoils its own row only."""
     try:
         if path.lower().endswith(DATABASES):
             yield from _rows_of_database(path)
         else:
-            with open(path, encoding="utf-8-sig", newline="") as file:  # a spreadsheet puts a mark before UTF-8
-                yield from csv.reader(file)
-    except (OSError, UnicodeDecodeError, csv.Error, sqlite3.Error) as error:
+            # A spreadsheet puts a mark before UTF-8.
+            with open(path, encoding="utf-8-sig", errors="replace", newline="") as file:
+                yield from _rows_of_text(file)
+    except (OSError, sqlite3.Error) as error:
         raise PortError(f"{path}: {getattr(error, 'strerror', None) or error}") from None
+
+
+def _rows_of_text(file: Iterable[str]) -> Iterator[list[str]]:
+    """Yield the rows, an empty one for a line that has too many characters in a cell."""
+    rows = csv.reader(file)
+    while True:
+        try:
+            yield next(rows)
+        except csv.Error:
+            yield []
+        except StopIteration:
+            return
 
 
 def _rows_of_database(path: str) -> Iterable[list[str]]:
