@@ -9,6 +9,7 @@ from contextlib import contextmanager
 
 from barewire.errors import EncodeError
 from barewire_workbench.cli.output import note
+from barewire_workbench.frames.result import counted
 from barewire_workbench.live.disk import LocalDisk
 from barewire_workbench.live.polling import Clock
 from barewire_workbench.value_log.csv_file import CsvFile
@@ -45,7 +46,7 @@ def kept(log: RotatingLog, clock: Clock) -> Iterator[ProblemNotes]:
         with signals_later():
             log.close(clock.now())
         files = f", {len(log.rotated)} full files beside it" if log.rotated else ""
-        anew = f", begun anew {log.begun_anew} times: it was removed or moved" if log.begun_anew else ""
+        anew = f", begun anew {counted(log.begun_anew, 'time')}: it was removed or moved" if log.begun_anew else ""
         note(f"{log.path}: {log.safe} rows written{files}{anew}")
         if log.lost:
             note(f"{log.path}: {log.lost} rows could not be written: {log.problem}")
