@@ -35,10 +35,12 @@ from barewire_workbench.diagnosis.modbus_pieces import WEAK, Examiner, Piece, Tr
 from barewire_workbench.diagnosis.modbus_responses import (
     KEPT,
     STRAY,
+    Envelopes,
     OpenRequests,
     Overlap,
     compared,
     content,
+    long_exception,
     unused_bits,
 )
 from barewire_workbench.diagnosis.tcp import diagnose_tcp
@@ -153,6 +155,10 @@ class LineDiagnosis:
         """Decide about noise that no frame followed, and about requests of which no more will come."""
         located = [*self._decide(None), *self._end_overlap(), *self._end_half(), *self._end_broadcast(None)]
         return [self._log_finding(*finding) for finding in located]
+
+    def note(self, located: Located) -> LogFinding:
+        """Take a finding that others made on this line."""
+        return self._log_finding(*located)
 
     def verdicts(self) -> list[LineVerdict]:
         """Return what the numbers show about the line; if no fault, what devices refused, and what is open."""
@@ -336,8 +342,9 @@ class LineDiagnosis:
         match event:
             case RequestSeen():
                 self._note_foreign(event)
-                if event.unit == BROADCAST and event.pdu[0] in _READS and event.transaction is None:
-                    self._to_all = event
+                if event.unit == BROADCAST and event.transaction is None:
+                    self._to_all = event if event.pdu[0] in _READS and event.message is not None else None
+                    yield from self._refusal(event)  # of a device that answers as unit 0
                 if event.unit != BROADCAST:
                     self.counts.unit(event.unit).requests += 1
                     self._note_request(event)
@@ -505,7 +512,7 @@ class LineDiagnosis:
             yield self._located(event, finding)
         else:
             self.unsettled.open[f"response of unit {event.unit} without its request"] += 1
-            self._note_refusal(event)
+            yield from self._refusal(event)
 
     def _to_request(self, event: ResponseSeen, request: RequestSeen) -> Iterator[Located]:
         """Take the response to a request."""
@@ -521,7 +528,7 @@ class LineDiagnosis:
             return
         unit.answered += 1
         unit.streak = 0
-        self._note_refusal(event)
+        yield from self._refusal(event)
         if exception == _ILLEGAL_ADDRESS and int.from_bytes(request.pdu[1:3], "big") > _FIVE_DIGITS:
             for finding in exchange_findings(self.protocol, request, event, "address-base"):
                 yield self._located(event, finding)
@@ -535,9 +542,12 @@ class LineDiagnosis:
                 self._requests.given_up.remove(request)
             yield self._late(event, f"{event.seconds:.3f} s after its request, behind the next one")
 
-    def _note_refusal(self, event: ResponseSeen) -> None:
+    def _refusal(self, event: RequestSeen | ResponseSeen) -> Iterator[Located]:
+        """Count an exception, and yield the finding on one that is too long."""
         if event.pdu[0] & EXCEPTION_BIT:
             self.unsettled.refused[f"exception {event.pdu[1:2].hex() or 'without a code'} of unit {event.unit}"] += 1
+            if (longer := long_exception(event.pdu)) is not None:
+                yield self._located(event, longer)
 
     def _note_request(self, request: RequestSeen) -> None:
         self._last_request = request
@@ -690,6 +700,7 @@ class ModbusLogDiagnosis:
         self._place: tuple[int, bool | None] = (0, None)
         self._unreadable = 0  # lines
         self._left_out: list[str] = []
+        self._envelopes = Envelopes()
         self._sniffers = LogSniffers(log, window, protocol, self._wrapped)
 
     def __repr__(self) -> str:
@@ -716,7 +727,10 @@ class ModbusLogDiagnosis:
                 self._place = item.line, item.from_client
                 for tracked in self._tracked.get(item.connection, ()):
                     tracked.place(*self._place)
+                around = self._envelopes.take(item.envelope) if item.envelope else None
                 yield from self._taken(self._sniffers.feed(item))
+                if around is not None:
+                    yield self.lines[item.connection].note(Located(0, around, item.at, item.line))
             elif item.why == UNREADABLE:
                 self._unreadable += 1
             elif LEFT_OUT in item.why:

@@ -1,9 +1,11 @@
 """What a single response or damaged piece of a Modbus line is, beside the requests and pieces before it.
 
-OpenRequests     which open or given-up request a response belongs to: late, transaction exchanged or of another
-Overlap          two requests that were open at once, and what came to them
-compared         damaged bytes beside earlier ones: the rest of a frame, bytes in front, a byte too many
-unused_bits      bits behind those that were asked
+    OpenRequests     which open or given-up request a response belongs to: late, transaction exchanged or of another
+    Envelopes        frames of Solarman V5 around RTU: another logger answers, or it has no RTU frame
+    Overlap          two requests that were open at once, and what came to them
+    compared         damaged bytes beside earlier ones: the rest of a frame, bytes in front, a byte too many
+
+The others look at one response: bits behind those that were asked, an exception that is too long.
 """
 
 from __future__ import annotations
@@ -17,6 +19,7 @@ from barewire_workbench.diagnosis.modbus_pieces import Piece
 from barewire_workbench.frames.findings import Finding
 from barewire_workbench.frames.modbus import explain_pdu
 from barewire_workbench.frames.result import counted
+from barewire_workbench.recordings.modbus_log.envelope import Envelope, opened
 from barewire_workbench.recordings.modbus_log.marked import frame_pdu
 from barewire_workbench.sniffer import (
     LATE_AFTER,
@@ -30,6 +33,8 @@ from barewire_workbench.sniffer import (
 
 STRAY = 3
 """The most bytes beside a frame that are noise of the line, and not a damaged frame."""
+SHORTEST = 4
+"""Bytes of the shortest frame of RTU."""
 KEPT = 64
 """Requests and damaged responses that are remembered."""
 _JUST_BEFORE = 3
@@ -101,6 +106,31 @@ class OpenRequests:
         return next(filter(fits, self.given_up), None)
 
 
+class Envelopes:
+    """Frames of Solarman V5: whether the logger that answers is the one that was asked, and has an RTU frame."""
+
+    def __init__(self) -> None:
+        self._asked: Envelope | None = None
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self._asked}>"
+
+    def take(self, data: bytes) -> Finding | None:
+        """Take an envelope; return the finding on it."""
+        envelope, asked = opened(data), self._asked
+        if envelope is None or envelope.from_client:
+            self._asked = envelope
+            return None
+        proof = f"in the envelope of Solarman V5, {shown_digits(data)}"
+        if asked is not None and asked.logger != envelope.logger:
+            text = f"logger {envelope.logger} answers, and the client asks for number {asked.logger}"
+            return Finding("wrong-answer", text, proof)
+        if len(envelope.inner) < SHORTEST:
+            text = f"the logger returns {shown_digits(envelope.inner)} in place of an RTU frame"
+            return Finding("wrong-answer", f"{text}: it has no response of the device behind it", proof)
+        return None
+
+
 class Overlap:
     """A request, another one sent sooner than any client gives up the first, and what came to them so far."""
 
@@ -169,3 +199,16 @@ def unused_bits(request: bytes, response: bytes) -> Finding | None:
         return None
     text = f"bits are set behind the {quantity} that {'was' if quantity == 1 else 'were'} asked; unused bits are 0"
     return Finding("wrong-value", text, f"the last byte is {response[-1]:02X}h: use only the lowest {quantity % 8}")
+
+
+def long_exception(pdu: bytes) -> Finding | None:
+    """Return the finding on an exception with more than its code [MB-APP 7].
+
+    >>> long_exception(bytes.fromhex("90 02 00")).text
+    '1 byte behind the code of an exception, which has no more'
+    """
+    if not pdu[0] & EXCEPTION_BIT or len(pdu) <= 2:
+        return None
+    more = counted(len(pdu) - 2)
+    proof = f"the checksum fits over {shown_digits(pdu)}: {explain_pdu(pdu[:2], 'response').summary}"
+    return Finding("byte-extra", f"{more} behind the code of an exception, which has no more", proof)

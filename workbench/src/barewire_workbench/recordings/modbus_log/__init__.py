@@ -3,6 +3,7 @@
 The files, in reading order:
 
     model       what is read: LoggedBytes, Unread, ModbusLog
+    envelope    RTU inside the frames of another protocol, Solarman V5
     octets      bytes at the end of a line, in any notation; times in lines
     programs    logs with words of their own: pymodbus, libmodbus, MinimalModbus, strace, interceptty, Saleae ...
     exports     text, JSON and CSV of Wireshark and tshark

@@ -196,7 +196,7 @@ _LAST_MARK = re.compile(rf"(?:^|[\s\])])(?:{_MARK.pattern})[\s:]*$")
 _GROUPS = (("asked", "answered"), ("sent", "received"), ("asker", "answerer"), ("out", "into"))
 """Which words count if there are several: "response for read request" is a response, "server received" is received."""
 _SIZE = re.compile(
-    r"[\s:=>#\[\](\-]*(?:(?:\d+(?: ?bytes?)?|data|bytes|buffer|frame|message)[\s:=>#\[\])\-]*){0,3}", re.IGNORECASE
+    r"[\s:=>#\[\](\-]*(?:(?:\d+(?: ?bytes?)?|data|bytes?|buffer|frame|message)[\s:=>#\[\])\-]*){0,3}", re.IGNORECASE
 )
 """What may stand between "read" or "write" and the bytes of a frame: their number."""
 _LONGEST_SIZE = 60

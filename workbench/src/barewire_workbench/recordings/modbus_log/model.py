@@ -26,7 +26,7 @@ class LoggedBytes(NamedTuple):
 
     `from_client` is None if the log does not show the direction, `protocol` None if the bytes fit none. `connection`
     tells the TCP connections and the lines of one recording apart. No `data`: the recording program reports that
-    nothing came.
+    nothing came. `envelope` is the frame of another protocol in which the bytes stood (`envelope.py`).
     """
 
     at: float
@@ -35,6 +35,7 @@ class LoggedBytes(NamedTuple):
     from_client: bool | None = None
     protocol: ProtocolName | None = None
     connection: str = ""
+    envelope: bytes = b""
 
 
 class ModbusLog(NamedTuple):
@@ -72,6 +73,7 @@ class LogEntry(NamedTuple):
     stamp: Stamp | None = None
     decimal: bytes | None = None
     connection: str = ""
+    envelope: bytes = b""
 
 
 class FormContent(NamedTuple):

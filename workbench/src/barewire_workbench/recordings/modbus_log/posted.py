@@ -1,6 +1,7 @@
-"""Bytes within what people post: in sentences, in code, behind words without a blank, in any notation.
+r"""Bytes within what people post: in sentences, in code, behind words without a blank, in any notation.
 
     I get `01 83 02 C0 F1` back, where [1, 3, 0, 22, 0, 2, 37, 207] was sent      two frames, the second in decimal
+    data='\x01\x83\x02\xc0\xf1'  # from the device                           a string with escapes
     req: 0A 10 0001 0003 06 0A0B0C EE98                                           bytes and words of two bytes mixed
     Response: 00 01 02 ff [00 c5]                                                 brackets around a part
 
@@ -18,8 +19,11 @@ from collections.abc import Iterator
 from itertools import accumulate, pairwise
 from typing import NamedTuple
 
+from barewire.errors import DecodeError
 from barewire.modbus.messages.registry import measure_request, measure_response
 from barewire.rtu.crc import crc16
+from barewire_workbench.frames.input import parse_string_literal
+from barewire_workbench.recordings.modbus_log.envelope import ENVELOPE_START, envelope_size
 from barewire_workbench.recordings.modbus_log.marked import direction_of, frame_pdu, has_its_length
 from barewire_workbench.recordings.modbus_log.model import LogEntry
 from barewire_workbench.sniffer import shapes
@@ -32,6 +36,10 @@ _GAP = re.compile(r"[\s,;:|\[\](){}<>'\"/+-]{0,6}")
 """What may stand between two bytes."""
 _MARKUP = re.compile(r"</?(?:b|i|code|pre|strong|em|p|br|tt)\s*/?>|\*\*|`")
 """What sets bytes off in a text of Markdown or HTML."""
+_LITERAL = re.compile(r"""b?(?:'(?:[^'\\]|\\.){1,1000}'|"(?:[^"\\]|\\.){1,1000}")""")
+_ESCAPED = re.compile(r"\\x[0-9A-Fa-f]{2}|\\[0-3][0-7]{2}")
+_QUOTES = str.maketrans("\u201c\u201d\u201e\u2018\u2019", "\"\"\"''")
+"""Quotes as a word processor or a forum sets them."""
 _WORD = re.compile(r"(?i)[g-z][a-z]{2,}|[a-z]{2,}[g-z]|[^\x00-\x7F]{2}")
 _ONE_NOTATION = "bytes in one notation"
 _CODE = re.compile(r"(?:=\s*\[?|\{)\s*~|~\s*(?:,\s*$|[};])")
@@ -63,12 +71,13 @@ class Posted(NamedTuple):
 
 
 def without_markup(line: str) -> str:
-    """Return a line without the marks of Markdown and HTML around its parts, and without the > of a quotation.
+    """Return a line with plain quotes, without the marks of Markdown and HTML around its parts, and without the > of a
+    quotation.
 
     >>> without_markup("> received **01 83 02 C0 F1** <b>now</b>")
     'received 01 83 02 C0 F1 now'
     """
-    return _MARKUP.sub("", line).removeprefix("> ")
+    return _MARKUP.sub("", line).removeprefix("> ").translate(_QUOTES)
 
 
 def whole_frames(data: bytes, starts: set[int] | None = None) -> list[tuple[int, int]]:
@@ -89,6 +98,8 @@ def whole_frames(data: bytes, starts: set[int] | None = None) -> list[tuple[int,
 
 
 def _end_of_frame(data: bytes, at: int) -> int | None:
+    if data[at] == ENVELOPE_START and (envelope := envelope_size(data, at)) is not None:
+        return at + envelope
     size = 6 + int.from_bytes(data[at + 4 : at + 6], "big")
     pdu = frame_pdu("tcp", data[at : at + size]) if data[at + 2 : at + 4] == b"\0\0" else None
     if pdu and has_its_length(pdu):
@@ -130,7 +141,12 @@ def read_posted(lines: list[str]) -> list[Posted]:
 
 
 def _rows(line: str) -> Iterator[tuple[int, int, bytes, str]]:
-    """Yield the place and the bytes of the numbers of a line that are bytes, and why."""
+    """Yield the place and the bytes of the numbers of a line that are bytes, and why; or those of strings with
+    escapes."""
+    literals = [*_literals(line)] if "\\" in line else []
+    if literals:
+        yield from literals
+        return
     row: list[_Number] = []
     end = 0
     for token in [*_TOKEN.finditer(line), None]:
@@ -141,6 +157,17 @@ def _rows(line: str) -> Iterator[tuple[int, int, bytes, str]]:
         if token is not None:
             row.append(_number(token, gap if row else ""))
             end = token.end()
+
+
+def _literals(line: str) -> Iterator[tuple[int, int, bytes, str]]:
+    """Yield the place and the bytes of the strings of a line with escapes of bytes."""
+    for literal in _LITERAL.finditer(line):
+        try:
+            data = parse_string_literal(literal[0]) if _ESCAPED.search(literal[0]) else None
+        except DecodeError:
+            continue
+        if data is not None and len(data) >= _SHORTEST:
+            yield literal.start(), literal.end(), data, "a string with escapes"
 
 
 def _number(token: re.Match[str], gap: str) -> _Number:

@@ -28,6 +28,7 @@ from barewire_workbench.recordings.capture import (
     modbus_payload,
     read_packets,
 )
+from barewire_workbench.recordings.modbus_log.envelope import ENVELOPE_START, opened
 from barewire_workbench.recordings.modbus_log.exports import read_csv, read_json, read_wireshark, without_bytes
 from barewire_workbench.recordings.modbus_log.marked import (
     PROTOCOLS,
@@ -294,6 +295,7 @@ class _LogReader:
         self._open_numbers: set[bytes] = set()
         self._bytes: Log | None = None  # the part before, of a log of bytes only
         self._is_prefixed = False
+        self._is_text = False  # marks were taken out, or bytes found between words: that is for the whole text
 
     def read_part(self, lines: list[str]) -> tuple[ModbusLog | None, list[str]]:
         """Return what the lines hold, and the lines to read again with the next ones: all of them as long as the form
@@ -302,7 +304,8 @@ class _LogReader:
             size = sum(map(len, lines))
             is_long = size > _UNDECIDED_MAX
             try:
-                log = _LogReader(self._ports, self._protocol).read_rest(lines)
+                trial = _LogReader(self._ports, self._protocol)
+                log = trial.read_rest(lines)
             except DecodeError:
                 if is_long:
                     raise
@@ -311,7 +314,7 @@ class _LogReader:
             is_dump = log.form == "bytes" and any(map(DUMP_OFFSET.match, lines))
             if common_protocol(pieces) is None and not is_long and not is_dump:
                 return None, lines
-            if is_dump or not _is_by_lines(log.form, lines):
+            if is_dump or trial._is_text or not _is_by_lines(log.form, lines):
                 self.least = _DUMP_WHOLE if is_dump else inf
             if size < self.least:
                 return None, lines
@@ -349,12 +352,12 @@ class _LogReader:
             if is_log and not any(isinstance(item, Unread) and item.why == UNREADABLE for item in log.items):
                 self.form = log.form
                 return log
-        log = max((log, self._unmarked(plain)), key=_framed)
-        log = max((log, self._posted(plain)), key=_framed) if _framed(log)[1] < _LOG else log
-        if log is None:
+        found = max((log, self._unmarked(plain)), key=_framed)
+        found = max((found, self._posted(plain)), key=_framed) if _framed(found)[1] < _LOG else found
+        if found is None:
             raise refused
-        self.form = log.form
-        return log
+        self.form, self._is_text = found.form, found is not log
+        return found
 
     def _unmarked(self, plain: list[str]) -> ModbusLog | None:
         try:
@@ -493,6 +496,7 @@ class _LogReader:
             self._is_decimal = is_decimal(entries)
         if self._is_decimal:
             entries = [entry._replace(data=entry.decimal) for entry in entries]
+        entries = [_taken_out(entry) for entry in entries]
         if self._protocol is None:
             self._protocol = common_protocol([entry.data for entry in entries if entry.data])
         protocol = self._protocol
@@ -520,7 +524,9 @@ class _LogReader:
             )
             at = self._now = clock.read(entry.stamp, offset + entry.line, step=not is_more)
             items.append(
-                LoggedBytes(at, entry.data or b"", offset + entry.line, from_client, protocol, entry.connection)
+                LoggedBytes(
+                    at, entry.data or b"", offset + entry.line, from_client, protocol, entry.connection, entry.envelope
+                )
             )
             before = entry
         self._before = before
@@ -592,6 +598,15 @@ class _LogReader:
         log = self._assembled("bytes", entries, left)
         self._is_prefixed = True
         return log
+
+
+def _taken_out(entry: LogEntry) -> LogEntry:
+    """Return an entry without its envelope: the RTU frame in it, or nothing if the sender had none."""
+    envelope = opened(entry.data) if entry.data and entry.data[0] == ENVELOPE_START else None
+    if envelope is None or entry.data is None:
+        return entry
+    data = envelope.inner if len(envelope.inner) >= _SHORTEST else b""
+    return entry._replace(data=data, from_client=envelope.from_client, envelope=entry.data)
 
 
 def _is_whole(item: LoggedBytes) -> bool:
