@@ -166,7 +166,44 @@ def _inserted(dice: Random, made: list[Exchange]) -> Iterator[Entry]:
             yield Entry(36000.05 + 4 * number + 2 * place, False, data)
 
 
+def _enveloped(
+    *, answering: int = 0x83BC50B4, inner: bytes | None = None
+) -> Callable[..., list[tuple[float, bool, bytes]]]:
+    """Return the traffic inside frames of Solarman V5: from this logger, which may have something else than RTU."""
+
+    def frame(control: bytes, logger: int, inner: bytes) -> bytes:
+        payload = b"\2" + bytes(14 if control == b"\x10\x45" else 13) + inner
+        body = len(payload).to_bytes(2, "little") + control + b"\0\0" + logger.to_bytes(4, "little") + payload
+        return b"\xa5" + body + bytes((sum(body) & 0xFF, 0x15))
+
+    def changed(dice: Random, exchange: Exchange, asked: bytes, answered: bytes) -> list[tuple[float, bool, bytes]]:
+        returned = frame(b"\x10\x15", answering, answered if inner is None else inner)
+        return [(0.0, True, frame(b"\x10\x45", 0x83BC50B4, asked)), (0.05, False, returned)]
+
+    return changed
+
+
 RTU: dict[str, Habit] = {
+    "in frames of Solarman V5": Habit(frozenset({"nothing-wrong"}), played(_enveloped())),
+    "another logger of Solarman V5": Habit(frozenset({"wrong-answer"}), played(_enveloped(answering=1, inner=b"\6\0"))),
+    "a logger without RTU": Habit(frozenset({"wrong-answer", *SILENT}), played(_enveloped(inner=b"\5\0"))),
+    "the first byte behind the others": Habit(
+        frozenset({"late-answer"}), played(answer(lambda _, __, data: data[1:] + data[:1])), reads=True
+    ),
+    "an exception with a byte more": Habit(
+        frozenset({"byte-extra", "malformed"}),
+        played(answer(lambda _, e, __: rtu.encode(e.unit, bytes((e.asked[0] | EXCEPTION_BIT, 2, 0))))),
+    ),
+    "in frames of another protocol": Habit(
+        frozenset({"no-frame"}),
+        played(
+            lambda d, e, asked, answered: [
+                (at, sent, bytes.fromhex("AA 5A 00 31 7F 02 11 22 33 44") + frame + b"\x66\xbb")
+                for at, sent, frame in ((0.0, True, asked), (0.05, False, answered))
+            ]
+        ),
+        reads=True,
+    ),
     "good": Habit(frozenset({"nothing-wrong"}), played(answer(lambda _, __, data: data))),
     "good in pieces": Habit(frozenset({"nothing-wrong"}), played(_split)),
     "silence": Habit(SILENT, played(answer(lambda *_: None))),

@@ -124,6 +124,20 @@ def _escaped(data: bytes) -> str:
     return "".join(f"\\x{byte:02x}" for byte in data)
 
 
+_NAMED = {7: "a", 8: "b", 9: "t", 10: "n", 11: "v", 12: "f", 13: "r", 27: "e", 34: '"', 39: "'", 92: "\\"}
+
+
+def _characters(data: bytes) -> str:
+    """Return a string as the programs print it that leave the characters of ASCII as they are."""
+    return "".join(
+        f"\\{_NAMED[byte]}" if byte in _NAMED else chr(byte) if 32 <= byte < 127 else f"\\x{byte:02X}" for byte in data
+    )
+
+
+def _words(data: bytes) -> str:
+    return " ".join(data[at : at + 2].hex() for at in range(0, len(data), 2))
+
+
 NOTATIONS: dict[str, Writer] = {
     # logs of libraries
     "pymodbus 3": lines("send: {}", "recv: {} extra data: ", _short, timed="2024-04-07 {time} DEBUG logging:103 "),
@@ -202,6 +216,13 @@ NOTATIONS: dict[str, Writer] = {
     "decimal blanks": lines("TX {}", "RX {}", lambda d: _decimal(d, " "), timed=""),
     "three digits": lines("TX {}", "RX {}", lambda d: "".join(f"[{byte:03d}]" for byte in d), timed=""),
     "escaped": lines('write("{}")', 'read("{}")', _escaped, timed=""),
+    "characters": lines('>>> "{}"', '<<< "{}"', _characters, timed="[{time}][D][uart_debug:158]: "),
+    "quotes of a forum": lines(
+        ">>> \u201c{}\u201d", "<<< \u201c{}\u201d", _characters, timed="[{time}][D][uart_debug:158]: "
+    ),
+    "bold": lines("I send **{}** to it", "and get **{}** back", _hex, timed=""),
+    "code in a sentence": lines("It sends `{}`,", "and `{}` comes back.", lambda d: _hex(d).upper(), timed=""),
+    "words of two bytes": lines("Request: {}", "Response: {}", _words, timed=""),
     "octal": lines('TX "{}"', 'RX "{}"', lambda d: "".join(f"\\{byte:03o}" for byte in d), timed=""),
     "remarks": lines("{}   // request", "{}   // response", lambda d: _hex(d).upper(), timed=""),
     "counts": lines("Send ({n} bytes): {}", "Receive ({n} bytes): {}", _hex),

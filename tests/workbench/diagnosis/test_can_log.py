@@ -250,3 +250,22 @@ def test_heartbeats_of_another_period_are_no_pause() -> None:
         heartbeats(0, 0.01, 1.01, 2.01, 3.01),
     ):
         assert [verdict.code for verdict in diagnosed(frames)[1]] == ["nothing-wrong"]
+
+
+def test_an_abort_with_a_code_of_the_maker_is_a_refusal_and_no_fault() -> None:
+    request, abort = CanFrame.parse("67D#2B30500000070000"), CanFrame.parse("5FD#803050000900000F")
+    findings, (verdict,) = diagnosed([(1.0, request), (1.01, abort)])
+    assert [found.sentence for found in findings] == []
+    assert verdict.code == "refused"
+    assert "0F000009h (a code of the maker) by node 125 to 5030h:00" in verdict.evidence
+
+
+def test_a_request_that_is_repeated_before_its_answer_is_named() -> None:
+    request, answer = CanFrame.parse("67D#2B30500000070000"), CanFrame.parse("5FD#6030500000000000")
+    _, verdicts = diagnosed([(1.0, request), (1.001, request), (1.002, answer)])
+    assert any("repeated before its answer: 2B 30 50 00" in verdict.evidence for verdict in verdicts)
+
+
+def test_the_pdo_of_a_log_of_one_frame_is_named() -> None:
+    _, (verdict,) = diagnosed([(1.0, CanFrame.parse("220#0000E8030000"))])
+    assert "220h is RPDO1 of node 32 of the predefined set" in verdict.evidence

@@ -557,3 +557,38 @@ def test_a_request_that_its_own_client_sends_again_at_once_is_no_echo() -> None:
     sent = b"2024/03/14 17:03:45 send 00 46 00 00 00 06 01 03 05 c4 00 01\n"
     log = ModbusLogDiagnosis(read_modbus_log(2 * sent))
     assert "echo" not in [found.finding.code for found in log.findings()]
+
+
+def test_a_refusal_is_beside_what_the_unit_serves() -> None:
+    text = "".join(
+        f"{'TX' if sent else 'RX'}: {encode(71, bytes.fromhex(pdu)).hex(' ')}\n"
+        for sent, pdu in ((1, "109D19000102001E"), (0, "9002"), (1, "069D19001E"), (0, "069D19001E"))
+    )
+    findings, verdicts = diagnosed(text.encode())
+    assert [found.sentence for found in findings] == []  # 9D19h is no number of a manual: function 06 writes it
+    (verdict,) = verdicts
+    assert verdict.code == "refused"
+    assert "exception 02 of unit 71 to Write Multiple Registers, 1 from 9D19h" in verdict.evidence
+    assert verdict.evidence.endswith("unit 71 refuses function 10 at 9D19h, and serves function 06 there")
+
+
+def test_an_answer_with_the_transaction_of_a_request_before_the_log_is_late() -> None:
+    late, answer = tcp_frame(50, bytes.fromhex("0302 0001"), 15), tcp_frame(50, bytes.fromhex("0304 0001 0002"), 16)
+    text = f"10.5 TX {tcp_frame(50, bytes.fromhex('03 0A8B 0002'), 16).hex(' ')}\n30.5 RX {(late + answer).hex(' ')}\n"
+    findings, _ = diagnosed(text.encode())
+    assert [found.finding.code for found in findings] == ["no-answer", "late-answer", "late-answer"]
+
+
+def test_no_response_is_missing_before_a_line_whose_bytes_cannot_be_read() -> None:
+    asked = encode(1, bytes.fromhex("03 0000 0002")).hex(" ")
+    text = f"TX: {asked}\nand then 01 03 04 0x 11 22 33 44 came\nTX: {asked}\nRX: 01 83 02 C0 F1\n"
+    findings, verdicts = diagnosed(text.encode())
+    assert [found.sentence for found in findings] == []
+    assert "no-answers" not in {verdict.code for verdict in verdicts}
+
+
+def test_a_request_twice_in_one_read_of_a_server_is_no_silence() -> None:
+    asked, answer = (encode(33, bytes.fromhex(pdu)).hex(":") for pdu in ("03 0083 0001", "03 02 0000"))
+    findings, verdicts = diagnosed(f"<<< {asked}:{asked}\n>>> {answer}\n".encode())
+    assert [found.sentence for found in findings] == []
+    assert "twice in one read" in verdicts[0].evidence

@@ -95,12 +95,47 @@ def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() ->
         ("Result: EX_ILLEGAL_ADDRESS", "exception 02 (illegal data address)"),
         ("modbus exception 02", "exception 02 (illegal data address)"),
         ("Unexpected start address in response. Expected 262, received 5.", "the text does not say what failed"),
+        ("MB_MASTER_SERIAL: uart parity error.", "errors of parity or framing, or a break; that may be another parity"),
+        ("-- Polling slave 255... Assertion `ctx->slave != -1' failed", "none: 1 to 247 are; 248 to 255 are reserved"),
+        ("I receive Errno 105", "the send queue of the interface is full"),
+        ("Transfer aborted by client with code 0x05040000", "the client gave up: abort 05040000"),
+        ("checksum error: received 0, calculated 0", "are equal, so that the program refuses a good frame"),
+        ("response transaction id '1' does not match request '167'", "another one behind the same gateway"),
+        ("modbus.read_holding_registers(57357,1) [65535]", "65535 is FFFFh, which many devices send for a value"),
+        ("result: E2", "no answer came in time"),
+        ("the E2 terminal never gets a modbus frame", "the text does not say what failed"),
+        ("modbus: the ports 1 to 65535 fail", "the text does not say what failed"),
+        ("Failed: slave not connected; D (884) MB_PORT_COMMON: x", "if that is set already, of TCP by tcpdump"),
     ],
 )
 def test_words_that_leave_the_cause_open_name_what_it_may_be_and_how_to_tell(text: str, states: str) -> None:
     verdict = verdict_without_bytes(text)
     assert verdict is not None
     assert states in verdict.evidence
+
+
+@every_case(
+    ("text", "states"),
+    [
+        ("the frame is `80 00 00 00 00 00 04 05`, why?", "an SDO message of either side: abort, 0000h:00, 0504 0000h"),
+        (
+            "I see\n40 0C 50 00 00 00 00 00\n4F 0C 50 00 00 2E 30 2E",
+            "1 byte: 00h; the unused bytes 2E 30 2E are ignored",
+        ),
+        ("it is <0x07><0x7A><0x42><0x9B>, and should be 77.514603", "CDAB 77.5146; ABCD 1.88275e-34"),
+        ("the float is read as [0, 16320, 0, 16448]", "CDAB 1.5, 3"),
+        ("Sent data is actually 01 ff ff ff 7f here", "01 FF FF FF 7F; the text does not say what failed"),
+    ],
+)
+def test_bytes_that_are_no_whole_frame_are_shown_and_read_where_that_makes_sense(text: str, states: str) -> None:
+    verdict = verdict_without_bytes(text)
+    assert verdict is not None
+    assert verdict.code == "not-seen"
+    assert states in verdict.evidence
+
+
+def test_a_float_that_is_plausible_as_it_stands_is_not_called_one_in_another_order() -> None:
+    assert verdict_without_bytes("the float is 42 9B 07 7A, 77.5146") is None
 
 
 @pytest.mark.parametrize(

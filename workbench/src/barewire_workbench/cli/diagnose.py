@@ -25,10 +25,9 @@ from barewire_workbench.cli.sources import (
 )
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDiagnosis
-from barewire_workbench.diagnosis.texts import is_text, verdict_of_words, verdict_without_bytes
+from barewire_workbench.diagnosis.texts import NO_WHOLE_FRAMES, is_text, verdict_of_words, verdict_without_bytes
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.live.listen import listen_with
-from barewire_workbench.recordings.modbus_log.posted import read_posted
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
 from barewire_workbench.sniffer import WINDOW
 
@@ -152,12 +151,21 @@ def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
     try:
         first, others = traffic.modbus_parts(printer.unread)
     except BarewireError:
-        if words is None or read_posted(text.splitlines()):  # a recording may be meant: which line is none
+        if words is None:  # a recording may be meant: which line is none
             raise
     else:
         if words is None or not is_text(first):
             diagnosis = ModbusLogDiagnosis(first, window, traffic.protocol)
-            printer.findings(diagnosis.findings(others))
+            findings = diagnosis.findings(others)
+            if words is not None and words.text == NO_WHOLE_FRAMES and len(text) < _TEXT_MAX:
+                listed = list(findings)
+                if not any(line.counts.frames for line in diagnosis.lines.values()) and all(
+                    found.finding.code == "no-frame" for found in listed
+                ):
+                    printer.verdicts([("", words)])
+                    return
+                findings = iter(listed)
+            printer.findings(findings)
             printer.unread.end()
             verdicts = diagnosis.verdicts()
             printer.verdicts([*verdicts, *_of_words(traffic, verdicts)])

@@ -19,6 +19,7 @@ Whole logs and live lines: findings with their place and time, then verdicts on 
     modbus_pieces    the frames and the noise of a line, each with its place; the diagnosis of damaged ones
     modbus_responses what a single response or damaged piece is, beside the requests and pieces before it
     modbus_counts    what is counted on a line, and the verdicts that follow
+    fragments        bytes in a text that are no whole frame: data of SDO messages, floats
     texts            error messages and logs without bytes
     modbus_line      one Modbus line or connection; a whole log of Modbus, and a live line
 """

@@ -134,6 +134,10 @@ class BusCounts:
         self.twice[node] += second
         return second
 
+    def is_answered(self, node: int) -> bool:
+        """Return whether an answer came since the last request."""
+        return node in self._answers
+
     def request(self, node: int, now: float) -> None:
         """Count a request that begins a transfer."""
         self.requests[node] += 1
@@ -259,8 +263,10 @@ CODE_OF_RULE: dict[str, DiagnosisCode] = {
     "SDO-LENGTH": "cut-frame",
 }
 """Rule of the monitor -> code of a finding. Other rules are findings with the code `bus-rule`."""
-_HARMLESS = "SDO-RESERVED"
-"""The rule about bits that a receiver ignores."""
+_HARMLESS = frozenset({"SDO-RESERVED", "SDO-ABORT-CODE"})
+"""The rules about bits that a receiver ignores, and about codes: makers have codes of their own."""
+_FEW, _ALONE = 16, 4
+"""Different refusals that are told apart by their objects; frames of PDOs of a log that has no others."""
 _WAITS = 0.05
 """Seconds: no client gives up an answer sooner, and sends its next request."""
 _PAUSE = 3.0
@@ -348,6 +354,7 @@ class BusDiagnosis:
         self._errors = 0  # error frames since the last good frame
         self._confirmed: dict[int, tuple[int, int]] = {}  # channel -> segments of a block that arrived, and its size
         self._last_transfer = ""
+        self._alone: dict[int, str] = {}  # the PDOs of a log with few frames and no others
         self._words: dict[int, tuple[int, int]] = {}  # COB-ID of a PDO -> its node, and the first two bytes of the last
 
     def __repr__(self) -> str:
@@ -424,6 +431,11 @@ class BusDiagnosis:
         counts, now = self.counts, self.monitor.now
         if counts.frames and counts.extended == counts.frames:
             yield "all identifiers have 29 bits: no CANopen"
+        yield from (f"{identifier:03X}h is {what} of the predefined set" for identifier, what in self._alone.items())
+        searched = [node for node in counts.asked if counts.is_search(node)]
+        if searched:
+            heard = f"{_nodes(counts.heard)} {'answer' if len(counts.heard) > 1 else 'answers'}"
+            yield f"{counted(len(searched), 'node')} more {'are' if len(searched) > 1 else 'is'} asked; {heard}"
         waiting = [node for node in counts.heard if self.monitor.nodes.state(node, now) in _NOT_STARTED]
         if waiting and self._last_transfer:
             yield f"{_nodes(waiting)} not started (NMT); the last SDO is {self._last_transfer}"
@@ -464,6 +476,10 @@ class BusDiagnosis:
         if self.monitor.takes_segment(frame):
             return
         owner = classify(frame)
+        if owner is not None and "PDO" in owner[0].name and self.counts.frames <= _ALONE:
+            self._alone[frame.id] = f"{owner[0].name} of node {owner[1]}"
+        elif self._alone:
+            self._alone.clear()
         if owner is not None and owner[0].name.startswith("TPDO") and len(frame.data) > 1:
             self._words[frame.id] = owner[1], int.from_bytes(frame.data[:2], "little")
         if owner is not None and owner[0].name == "SDO answer" and frame.data[:1] == _BLOCK_CONFIRMED:
@@ -472,6 +488,9 @@ class BusDiagnosis:
             request = owner[0].name == "SDO request"
             if request and frame.data[0] >> 5 in (1, 2, 5, 6):
                 before = self._requests.get(frame.id, [])[-1:]
+                if before and before[0].frame == frame and not self.counts.is_answered(owner[1]):
+                    what = f"SDO request to node {owner[1]} repeated before its answer"
+                    self.unsettled.open[f"{what}: {frame.data[:4].hex(' ').upper()}"] += 1
                 self._requests[frame.id] = [*before, InitiatingFrame(now, line, frame)]
                 self.counts.request(owner[1], now)
             yield from self._answered_twice(frame, owner[1], request, now)
@@ -493,7 +512,7 @@ class BusDiagnosis:
 
     def _event(self, event: MonitorEvent, frame: CanFrame | None) -> Iterator[Proved]:
         match event:
-            case Violation() if event.rule != _HARMLESS and not event.repeated:
+            case Violation() if event.rule not in _HARMLESS and not event.repeated:
                 yield Proved(event.node, self._violation(event))
             case Gap():
                 if not event.rule:
@@ -560,15 +579,19 @@ class BusDiagnosis:
                 yield Proved(node, Finding("no-answer", text, proof))
             elif event.outcome == "aborted":
                 by = "node" if event.by == "server" else "the client of node"
-                self.unsettled.refused[f"abort {event.abort or 0:08X}h by {by} {node}"] += 1
+                self.unsettled.refused[f"abort {_meaning(event.abort)} by {by} {node}{self._to(place)}"] += 1
                 if event.by == "server":
                     yield from self._refused(event, place)
         elif event.outcome == "aborted":
             arrived, size = self._confirmed.get(node, (0, 0))
             lost = f" after {arrived} of {size} segments of a block arrived" if arrived < size else ""
-            self.unsettled.refused[f"abort {event.abort or 0:08X}h on the channel of node {node}{lost}"] += 1
+            self.unsettled.refused[f"abort {_meaning(event.abort)} on the channel of node {node}{lost}"] += 1
         else:  # its beginning or its end is not in the recording
             self._not_awaited[node] += 1
+
+    def _to(self, place: str) -> str:
+        """Return the object of a refusal, as long as there are few."""
+        return f" to {place}" if len(self.unsettled.refused) < _FEW else ""
 
     def _unanswered(self, event: SdoTransferReport, place: str) -> Iterator[Proved]:
         node, state = event.node, self.monitor.nodes.state(event.node, event.at)
@@ -614,6 +637,12 @@ class BusDiagnosis:
         if event.kind == "boot-up" and event.unasked:
             text = f"the node restarted by itself; it was {state_name(event.before or 0)}"
             yield Proved(event.node, Finding("restart", text, "a boot-up message without a reset command before it"))
+
+
+def _meaning(code: int | None) -> str:
+    """Return an abort code with its text; a maker has codes of its own."""
+    number = code or 0
+    return f"{number:08X}h ({abort_text(number)[11:] if number in set(AbortCode) else 'a code of the maker'})"
 
 
 def _is_segment(frame: CanFrame) -> bool:

@@ -223,7 +223,9 @@ def _exchange(
         yield wrong("a broadcast has no response")
         return
     if sent.unit != received.unit:
-        yield wrong(f"unit {received.unit} answers, and unit {sent.unit} was asked")
+        refusal = explain_pdu(received.pdu, "response").summary if received.pdu[0] & EXCEPTION_BIT else ""
+        said = f", with {refusal}" if refusal else ""
+        yield wrong(f"unit {received.unit} answers{said}, and unit {sent.unit} was asked")
     if sent.pdu == received.pdu and _never_echoes(sent.pdu):
         text = "this is the request, not a response: the reader has read what it sent"
         yield Finding("echo", text, f"{digits(sent.pdu)} is the PDU of both")
@@ -330,7 +332,7 @@ def _word_order(pdu: bytes, values: Sequence[ExpectedValue]) -> Iterator[Finding
         if size < 4 or len(data) < size:
             continue
         read = {order: float(Number(value.type, order).decode(data)) for order in ORDERS}
-        likely = [order for order in ORDERS if _is_plausible(read[order], value)]
+        likely = [order for order in ORDERS if _is_likely(read[order], value)]
         if value.order in likely or not likely:
             continue
         likely.sort(key=lambda order: len(f"{read[order]:.7g}"))
@@ -340,9 +342,14 @@ def _word_order(pdu: bytes, values: Sequence[ExpectedValue]) -> Iterator[Finding
         yield Finding("word-order", text, f"{digits(data)}: {shown}; plausible: {', '.join(likely)}")
 
 
-def _is_plausible(number: float, value: ExpectedValue) -> bool:
+def is_plausible(number: float) -> bool:
+    """Return whether a float is one that a device has: 0, or neither tiny nor huge."""
     least, most = _PLAUSIBLE
-    if value.type.startswith("f") and not (number == 0 or least <= abs(number) <= most):
+    return number == 0 or least <= abs(number) <= most
+
+
+def _is_likely(number: float, value: ExpectedValue) -> bool:
+    if value.type.startswith("f") and not is_plausible(number):
         return False
     low = value.minimum is None or number >= value.minimum
     return low and (value.maximum is None or number <= value.maximum)

@@ -77,6 +77,7 @@ class LineCounts:
     requests: int = 0
     responses: int = 0
     bursts: int = 0  # pieces that are not a frame, stray bytes beside frames not counted
+    strange: int = 0  # of these: neither the beginning of the response that was due nor a frame with a fault
     stray: int = 0
     noise_bytes: int = 0
     before_responses: int = 0
@@ -103,7 +104,7 @@ class LineCounts:
         verdicts = [*self._readings(), *self._direction(), *self._two_masters(), *self._addresses()]
         if not verdicts and not self.frames and self.kinds["no-frame"]:
             verdicts.append(self._no_frames())
-        damaged = self.bursts - self.first_lost - self.last_lost
+        damaged = self.bursts - self.first_lost - self.last_lost - self.strange - self.kinds["late-answer"]
         explained = {verdict.code for verdict in verdicts} - {"dead-unit", "no-answers", "echo", "two-masters"}
         if self.serial and not explained and damaged >= PROVES and damaged >= _SHARE * self.frames:
             verdicts.append(self._disturbed(damaged))

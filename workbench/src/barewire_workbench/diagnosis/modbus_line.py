@@ -38,6 +38,7 @@ from barewire_workbench.diagnosis.modbus_responses import (
     Envelopes,
     OpenRequests,
     Overlap,
+    Refusals,
     compared,
     content,
     long_exception,
@@ -90,6 +91,10 @@ _NO_TARGET = (b"\x0a", b"\x0b")
 _ILLEGAL_ADDRESS = b"\x02"
 _FIVE_DIGITS = 10_000
 """Numbers of manuals with the digit of their table are above."""
+_DIFFERENCES = 2
+"""Differences between what is refused and what is served that a verdict names."""
+_FEW = 16
+"""Different refusals that are told apart by what was asked."""
 _READS = frozenset({0x01, 0x02, 0x03, 0x04})
 _DIAGNOSTICS, _LISTEN_ONLY = 0x08, b"\x00\x04"
 
@@ -137,6 +142,12 @@ class LineDiagnosis:
         self._seen: deque[Piece] = deque(maxlen=KEPT)  # frames and damaged pieces, to compare later ones with
         self._zero_answers = False  # a device answers as unit 0
         self._to_all: RequestSeen | None = None  # a request to read of unit 0, if nothing came since
+        self._numbered: list[tuple[int, Located]] = []  # refusals of addresses that look like numbers of a manual
+        self._served: set[tuple[int, int]] = set()  # units, and the first digit of an address that they serve
+        self._refusals = Refusals()
+        self._instead = -1.0  # when something else than a response came, which has its finding
+        self.unread_at = -1.0
+        """The time of the last line of the log whose bytes cannot be read: they may be the response."""
         self._listening: set[int] = set()  # units that were commanded to listen only
 
     def __repr__(self) -> str:
@@ -154,10 +165,14 @@ class LineDiagnosis:
     def flush(self) -> list[LogFinding]:
         """Decide about noise that no frame followed, and about requests of which no more will come."""
         located = [*self._decide(None), *self._end_overlap(), *self._end_half(), *self._end_broadcast(None)]
+        # A unit that serves one address with five digits has such addresses: they are no numbers of a manual.
+        located += [finding for table, finding in self._numbered if (finding.unit, table) not in self._served]
+        self._numbered.clear()
         return [self._log_finding(*finding) for finding in located]
 
     def note(self, located: Located) -> LogFinding:
-        """Take a finding that others made on this line."""
+        """Take a finding on what came in place of a response."""
+        self._instead = located.at
         return self._log_finding(*located)
 
     def verdicts(self) -> list[LineVerdict]:
@@ -166,7 +181,8 @@ class LineDiagnosis:
         causes = counts.verdicts()
         if not counts.frames and not counts.noise_bytes:
             causes.append(LineVerdict("nothing-heard", "nothing was received", "no byte"))
-        return causes or verdicts_without_cause(self.found, self.unsettled, counts.seen())
+        differences = list(self._refusals.differences())[:_DIFFERENCES]
+        return causes or verdicts_without_cause(self.found, self.unsettled, "; ".join([counts.seen(), *differences]))
 
     def _log_finding(self, unit: int, finding: Finding, at: float, line: int, said: str = "") -> LogFinding:
         place = ", ".join(filter(None, (self.name, f"unit {unit}" if unit else "")))
@@ -224,7 +240,9 @@ class LineDiagnosis:
         is_burst = answered or len(set(noise.data)) == 1  # one level that stays, read as the same byte again and again
         is_long = len(noise.data) > (_BURST if is_burst else STRAY)
         if is_long or self.protocol == "tcp" or self._begins_answer(noise):
-            yield from self._damaged(noise, is_first=not self.counts.frames and after is not None and after.joined)
+            is_first = not self.counts.frames and after is not None and after.joined
+            around = after if after is not None and after.joined and is_long else None
+            yield from self._damaged(noise, is_first=is_first, around=around)
         elif after is not None and after.adu is not None and self._beside(noise, after):
             self.counts.longest_noise = max(self.counts.longest_noise, len(noise.data))
             if role == "response":
@@ -262,9 +280,9 @@ class LineDiagnosis:
         proof = f"{shown_digits(noise.data)} beside the good frame {shown_digits(frame.data)}"
         return Located(frame.adu.unit, Finding(code, text, proof), noise.end, noise.line)
 
-    def _damaged(self, noise: Piece, *, is_first: bool) -> Iterator[Located]:
+    def _damaged(self, noise: Piece, *, is_first: bool, around: Piece | None) -> Iterator[Located]:
         """Diagnose bytes that should be a frame: the response to the open request, or anything. `is_first`: they begin
-        the log, and a frame follows at once."""
+        the log, and a frame follows at once. `around` is the frame behind them in the same piece of the log."""
         counts, asked, begins = self.counts, self._asked, False
         if asked is None and self._is_part_again(noise):
             self.unsettled.open["frame printed again without its beginning"] += 1
@@ -314,7 +332,16 @@ class LineDiagnosis:
             counts.codes.update({finding.code for finding in findings})
             yield Located(unit, findings[0], noise.end, noise.line)
             return
+        if around is not None and around.adu is not None:
+            counts.bursts -= 1
+            text = (
+                f"{counted(len(noise.data))} before a good frame in one piece: a frame of another protocol around it?"
+            )
+            proof = f"{shown_digits(noise.data)} before {shown_digits(around.data)}"
+            yield Located(around.adu.unit, Finding("no-frame", text, proof), noise.end, noise.line)
+            return
         counts.kinds["no-frame"] += 1
+        counts.strange += not begins
         text = f"{counted(len(noise.data))} outside of a frame" + (", where a response was due" if unit else "")
         yield Located(unit, Finding("no-frame", text, content(noise.data)), noise.end, noise.line)
 
@@ -530,8 +557,12 @@ class LineDiagnosis:
         unit.streak = 0
         yield from self._refusal(event)
         if exception == _ILLEGAL_ADDRESS and int.from_bytes(request.pdu[1:3], "big") > _FIVE_DIGITS:
-            for finding in exchange_findings(self.protocol, request, event, "address-base"):
-                yield self._located(event, finding)
+            found = exchange_findings(self.protocol, request, event, "address-base")
+            if len(self._numbered) < KEPT:
+                self._numbered += [(_table_of(request.pdu), self._located(event, finding)) for finding in found]
+        elif not exception:
+            self._served.add((event.unit, _table_of(request.pdu)))
+        self._refusals.take(request.unit, request.pdu, refused=bool(exception))
         if (unused := unused_bits(request.pdu, event.pdu)) is not None:
             yield self._located(event, unused)
         if event.older is not None:
@@ -545,7 +576,11 @@ class LineDiagnosis:
     def _refusal(self, event: RequestSeen | ResponseSeen) -> Iterator[Located]:
         """Count an exception, and yield the finding on one that is too long."""
         if event.pdu[0] & EXCEPTION_BIT:
-            self.unsettled.refused[f"exception {event.pdu[1:2].hex() or 'without a code'} of unit {event.unit}"] += 1
+            refused = self.unsettled.refused
+            kind = f"exception {event.pdu[1:2].hex() or 'without a code'} of unit {event.unit}"
+            if isinstance(event, ResponseSeen) and event.request is not None and len(refused) < _FEW:
+                kind += f" to {explain_pdu(event.request.pdu, 'request').summary}"
+            refused[kind] += 1
             if (longer := long_exception(event.pdu)) is not None:
                 yield self._located(event, longer)
 
@@ -609,9 +644,19 @@ class LineDiagnosis:
             return
         if (request.unit, request.at) in self._spoiled or self._listens(request):
             return
+        if request.at <= self._instead <= event.at:
+            unit.wrong += 1
+            return
+        if request.at <= self.unread_at <= event.at:
+            self.unsettled.open[f"request to unit {request.unit} before bytes that cannot be read"] += 1
+            return
         next_piece = self._piece_of(following) if isinstance(following, RequestSeen) else None
         if isinstance(following, RequestSeen) and next_piece is not None and request.transaction is None:
             is_same = (following.unit, following.pdu) == (request.unit, request.pdu)
+            if is_same and next_piece.joined:
+                self.unsettled.open[f"request to unit {request.unit} twice in one read: repeated by its sender"] += 1
+                unit.requests -= 1
+                return
             if is_same and not self._timed and next_piece.from_client is None:
                 self.unsettled.open[f"request to unit {request.unit} twice: repeated, or its own echo"] += 1
                 unit.requests -= 1
@@ -631,17 +676,21 @@ class LineDiagnosis:
     def _unanswered(self, event: ResponseMissing, following: SnifferEvent | None, line: int) -> Iterator[Located]:
         request, unit = event.request, self.counts.unit(event.request.unit)
         stray = following if isinstance(following, ResponseSeen) and following.request is None else None
-        if stray is not None and self._requests.late_for(stray) is None:
+        is_of_other = stray is not None and stray.transaction != request.transaction  # which says what it answers
+        if stray is not None and not is_of_other and self._requests.late_for(stray) is None:
             wrong = self._located_wrong(request, stray)
             if wrong is not None:
                 unit.wrong += 1
                 unit.streak = 0
                 yield wrong._replace(unit=request.unit)
                 return
+        if stray is not None and (stray.unit, stray.pdu[0]) == (request.unit, request.pdu[0] | EXCEPTION_BIT):
+            unit.wrong += 1  # an exception that is too long
+            return
         unit.missing += 1
         unit.streak += 1
         self._requests.given_up.append(request)
-        if stray is not None:
+        if stray is not None and not is_of_other:
             return  # a late response came first; the one to this request may follow
         text = f"no response to {explain_pdu(request.pdu, 'request').summary}"
         proof = "nothing before the next request" if following is not None else "nothing in the time for it"
@@ -667,6 +716,11 @@ class LineDiagnosis:
         if request.pdu[0] == _DIAGNOSTICS and request.pdu[1:3] == _LISTEN_ONLY:
             self._listening.add(request.unit)
         return request.unit in self._listening
+
+
+def _table_of(request: bytes) -> int:
+    """Return the first of five digits of the address in a request: in the numbers of manuals it is the table."""
+    return int.from_bytes(request[1:3], "big") // _FIVE_DIGITS
 
 
 def _ignore(event: SnifferEvent, protocol: ProtocolName) -> None:
@@ -728,11 +782,13 @@ class ModbusLogDiagnosis:
                 for tracked in self._tracked.get(item.connection, ()):
                     tracked.place(*self._place)
                 around = self._envelopes.take(item.envelope) if item.envelope else None
-                yield from self._taken(self._sniffers.feed(item))
-                if around is not None:
+                if around is not None and item.connection in self.lines:
                     yield self.lines[item.connection].note(Located(0, around, item.at, item.line))
+                yield from self._taken(self._sniffers.feed(item))
             elif item.why == UNREADABLE:
                 self._unreadable += 1
+                for diagnosis in self.lines.values():
+                    diagnosis.unread_at = item.at
             elif LEFT_OUT in item.why:
                 self._left_out.append(item.why)
         for tracked in chain.from_iterable(self._tracked.values()):

@@ -1,6 +1,7 @@
 """What a single response or damaged piece of a Modbus line is, beside the requests and pieces before it.
 
     OpenRequests     which open or given-up request a response belongs to: late, transaction exchanged or of another
+    Refusals         what units refuse and what they serve
     Envelopes        frames of Solarman V5 around RTU: another logger answers, or it has no RTU frame
     Overlap          two requests that were open at once, and what came to them
     compared         damaged bytes beside earlier ones: the rest of a frame, bytes in front, a byte too many
@@ -11,9 +12,11 @@ The others look at one response: bits behind those that were asked, an exception
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
 
 from barewire.modbus.messages.base import EXCEPTION_BIT
+from barewire.modbus.messages.registry import measure_response
+from barewire.rtu.crc import crc16
 from barewire_workbench.diagnosis.exchange import shown_digits
 from barewire_workbench.diagnosis.modbus_pieces import Piece
 from barewire_workbench.frames.findings import Finding
@@ -37,6 +40,7 @@ SHORTEST = 4
 """Bytes of the shortest frame of RTU."""
 KEPT = 64
 """Requests and damaged responses that are remembered."""
+_READS = frozenset({1, 2, 3, 4})
 _JUST_BEFORE = 3
 """A response with the transaction of a request so many before belongs to that one, or has a wrong number."""
 _SHOWN = 32
@@ -86,24 +90,75 @@ class OpenRequests:
         return request if request.pdu[0] == event.pdu[0] & ~EXCEPTION_BIT else None
 
     def with_other_number(self, event: ResponseSeen) -> tuple[RequestSeen, Finding] | None:
-        """Return the open request that a TCP response fits, and the finding, if it has the transaction of one just
-        before."""
-        asked = self.fitting(event) if event.transaction is not None else None
-        if asked is None or not 0 < (asked.transaction or 0) - (event.transaction or 0) <= _JUST_BEFORE:
+        """Return the open request to which a TCP response came, and the finding, if it has the transaction of one just
+        before. The client counts its requests, and the log may not have that one."""
+        if event.transaction is None:
+            return None
+        fitting = self.fitting(event)
+        of_unit = (seen for seen in reversed(self.by_transaction.values()) if seen.unit == event.unit)
+        asked = fitting or next(of_unit, None)
+        if asked is None or not 0 < (asked.transaction or 0) - event.transaction <= _JUST_BEFORE:
             return None
         numbers = f"transaction {event.transaction} answers, and {asked.transaction} was asked"
-        text = f"{numbers}: the response to an earlier request, if the device is right"
-        proof = f"asked: {explain_pdu(asked.pdu, 'request').summary}; unit, function and length fit"
-        return asked, Finding("wrong-answer", text, proof)
+        fits = ": unit, function and length fit" if fitting else ", which this is not the response to"
+        proof = f"asked: {explain_pdu(asked.pdu, 'request').summary}{fits}"
+        if fitting:
+            return asked, Finding(
+                "wrong-answer", f"{numbers}: the response to an earlier request, if the device is right", proof
+            )
+        return asked, Finding("late-answer", f"{numbers}: the response to an earlier request comes late", proof)
 
     def late_for(self, event: ResponseSeen) -> RequestSeen | None:
         """Return the request that was given up and that this response answers."""
 
         def fits(request: RequestSeen) -> bool:
-            is_one = request.transaction == event.transaction and event.at - request.at <= LATE_AFTER
-            return is_one and answers(request, event.unit, event.pdu)
+            is_soon = event.transaction is not None or event.at - request.at <= LATE_AFTER
+            return request.transaction == event.transaction and is_soon and answers(request, event.unit, event.pdu)
 
         return next(filter(fits, self.given_up), None)
+
+
+class Refusals:
+    """What units refuse and what they serve: two requests that differ in one thing show what is refused.
+
+    >>> refusals = Refusals()
+    >>> refusals.take(71, bytes.fromhex("10 9D19 0001 02 001E"), refused=True)
+    >>> refusals.take(71, bytes.fromhex("06 9D19 001E"), refused=False)
+    >>> list(refusals.differences())
+    ['unit 71 refuses function 10 at 9D19h, and serves function 06 there']
+    """
+
+    def __init__(self) -> None:
+        self._refused: dict[tuple[int, bytes], None] = {}
+        self._served: dict[tuple[int, bytes], None] = {}
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {len(self._refused)} refused>"
+
+    def take(self, unit: int, request: bytes, *, refused: bool) -> None:
+        """Take a request that was answered."""
+        known = self._refused if refused else self._served
+        if len(request) >= 5 and len(known) < KEPT:
+            known[unit, request] = None
+
+    def differences(self) -> Iterator[str]:
+        """Yield how a refused request differs from one that is served."""
+        for unit, asked in self._refused:
+            place = f"{asked[1:3].hex().upper()}h"
+            for other, served in self._served:
+                same_function, same_place = served[0] == asked[0], served[1:3] == asked[1:3]
+                if other != unit and served == asked:
+                    yield f"unit {unit} refuses {explain_pdu(asked, 'request').summary}, and unit {other} serves it"
+                elif other == unit and same_place and not same_function:
+                    functions = f"function {asked[0]:02X} at {place}, and serves function {served[0]:02X} there"
+                    yield f"unit {unit} refuses {functions}"
+                elif other == unit and same_place and asked[0] in _READS and served[3:] < asked[3:]:
+                    counts = f"{_count(asked)} from {place}, and serves {_count(served)} from there"
+                    yield f"unit {unit} refuses {counts}: the others may be past its end"
+
+
+def _count(request: bytes) -> str:
+    return str(int.from_bytes(request[3:5], "big"))
 
 
 class Envelopes:
@@ -164,6 +219,8 @@ class Overlap:
 
 def compared(data: bytes, seen: Iterable[Piece]) -> list[Finding]:
     """Return in what bytes that are no frame differ from the pieces of `seen`: bytes in front, or one too many."""
+    if (turned := _turned(data)) is not None:
+        return [turned]
     for other in seen:
         if other.adu is None and frame_pdu("rtu", other.data + data) is not None:
             text = f"the rest of the frame that begins in line {other.line}: the reader ended it too early"
@@ -179,6 +236,19 @@ def compared(data: bytes, seen: Iterable[Piece]) -> list[Finding]:
             cut = ", whose last one was not read" if more == 0 else ""
             return [Finding("byte-extra", text + cut, shown_digits(data))]
     return []
+
+
+def _turned(data: bytes) -> Finding | None:
+    """Return the finding on bytes that are a frame whose first bytes stand at the end: each read goes one too far, and
+    lacks what the one before took."""
+    for size in range(1, min(STRAY, len(data) - SHORTEST) + 1):
+        whole = data[-size:] + data[:-size]
+        if measure_response(whole[1:]) == len(whole) - 3 and crc16(whole) == 0:
+            last = f"the last {counted(size)} read," if size > 1 else "the last byte read,"
+            text = f"{last} {shown_digits(data[-size:])}, belongs before the others: the reader is out of step"
+            summary = explain_pdu(whole[1:-2], "response").summary
+            return Finding("late-answer", text, f"{shown_digits(whole)} is a good frame: unit {whole[0]}, {summary}")
+    return None
 
 
 def content(data: bytes) -> str:

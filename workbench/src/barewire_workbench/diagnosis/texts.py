@@ -15,9 +15,15 @@ from itertools import chain
 from barewire.canopen.abort_codes import AbortCode, abort_text
 from barewire.canopen.emcy import error_text
 from barewire.modbus.exceptions import exception_name
+from barewire_workbench.diagnosis.exchange import shown_digits
+from barewire_workbench.diagnosis.fragments import floats_of, pieces_of, readings_of
 from barewire_workbench.diagnosis.verdict import LineVerdict
 from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog
 
+_SHOWN = 8
+"""Pieces of bytes that a verdict shows."""
+NO_WHOLE_FRAMES = "the bytes are no whole frames, and no traffic is seen"
+"""What the verdict says of data, or of a few bytes in a sentence."""
 _LONG = 14
 """Characters of a text that is no word of every message."""
 _REFUSAL, _LONGEST_ANSWER, _MOST_REGISTERS = 5, 255, 125
@@ -29,8 +35,8 @@ _CHECKSUM_FAILS = re.compile(
 )
 _GENERAL_FORMS = ("marked", "blocks", "bytes")
 """Forms that any program may have written: a word and hexadecimal digits are enough."""
-_SHORTEST = 4
-"""Bytes of the shortest frame."""
+_SHORTEST, _REQUEST = 4, 8
+"""Bytes of the shortest frame, and of a request to read."""
 _CANDUMP = "candump -L can0 > bus.log, and ip -details -statistics link show can0"
 _PROGRAMS: tuple[tuple[str, str, str], ...] = (
     (
@@ -125,6 +131,17 @@ _SILENT, _CHECKSUM, _LENGTH = "no answer came in time", "a checksum was wrong", 
 _OTHER_UNIT = "an answer came from another unit"
 _QUEUE_FULL = "frames cannot be sent, since the send queue of the interface is full"
 _NOT_ACKNOWLEDGED = "no other node acknowledges what is sent"
+_EQUAL = "the checksum received and the one calculated are equal, so that the program refuses a good frame"
+_UART = "the UART reports errors of parity or framing, or a break"
+
+
+def _result_code(code: str) -> str:
+    """Return the pattern of a code as the examples of ModbusMaster and modbus-esp8266 print it: alone in a line, or
+    behind a word; among other bytes it is one of them."""
+    words = r"err\w*|result\w*|code|event|status|returns?|failed|failure"
+    return rf"(?im:(?:^\s*|\b(?:{words})\b\W{{0,4}}(?:is |of )?)(?:0x)?{code}\s*(?:$|[^\w\s]|(?=\s[g-z])))"
+
+
 _STATED: tuple[tuple[str, str], ...] = (
     (
         r"refused|ECONNREFUSED|Errno 111",
@@ -147,12 +164,12 @@ _STATED: tuple[tuple[str, str], ...] = (
         _NOT_ACKNOWLEDGED,
     ),
     (r"(?i)\bstuff(?:ing)?\b|form[- ]error", "frames are damaged on the bus: errors of stuffing or form"),
-    (r"No buffer space|CANsend\) Transmitting", _QUEUE_FULL),
+    (r"(?i)No buffer space|ENOBUFS|\bErr(?:no|or Code) 105\b|CANsend\) Transmitting", _QUEUE_FULL),
     (r"(?i)bus[- ]?off", "the CAN controller has left the bus for errors"),
     (r"(?i)error[- ]passive", "the CAN controller is error passive"),
     (r"Errno -[235]\]|getaddrinfo|Name or service", "the name of the host is not known"),
     (
-        r"unexpectedly closed|reset by peer|ECONNRESET|IncompleteReadError|[Cc]onnection (?:lost|closed)",
+        r"unexpectedly closed|: EOF\b|reset by peer|ECONNRESET|IncompleteReadError|[Cc]onnection (?:lost|closed)",
         "the other side closed the connection",
     ),
     (
@@ -172,9 +189,22 @@ _STATED: tuple[tuple[str, str], ...] = (
         r"not from requested slave|wrong (?:slave|unit|device)",
         _OTHER_UNIT,
     ),
+    (r"(?i)(?:uart|serial|rx|receive)\W{1,3}(?:\w+\W{1,3})?(?:parity|framing|frame) err|\b(?:rx|uart) break\b", _UART),
+    (r"ctx->slave != -1", "libmodbus has no unit to ask: it refuses those above 247 itself, and nothing was sent"),
+    (
+        r"Cleanup recv buffer before send",
+        "bytes of an earlier answer were in the buffer when the next request was sent: it came late",
+    ),
+    (r"NOT REQUESTED transaction", "an answer has a transaction number that no request has that waits"),
+    (
+        r"(?i)received (\w+)\W+calculated \1\b",
+        _EQUAL,
+    ),
+    (_result_code("E0"), "an answer came from another unit (ModbusMaster's E0)"),
+    (_result_code("E1"), "an answer has another function (ModbusMaster's E1)"),
     (
         r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|time[ds]?[-_ ]?out|"
-        r"(?<![0-9a-f][ .:-])\b(?:0x)?E[24]\b(?![ .:-][0-9a-f]{2}\b)|"
+        rf"{_result_code('E[24]')}|"
         r"(?:not|n't) (?:receive|respond|answer|get(?! (?:\w+ ){1,3}work))|no communication|offline|waiting for",
         _SILENT,
     ),
@@ -196,6 +226,10 @@ _TOLD_APART: dict[str, tuple[str, str]] = {
     _OTHER_UNIT: (
         "a device that answers as another unit, a late answer, or another master on the line",
         "ask the unit that answers; if that is good, it is the first",
+    ),
+    _UART: (
+        "another parity or baud rate than the sender, exchanged wires, or noise: the settings of both sides first",
+        "a reader with the other parity and half or twice the baud rate shows whether frames appear",
     ),
     _QUEUE_FULL: (
         "no other node acknowledges, or a queue that is too short for what is sent at once",
@@ -224,6 +258,9 @@ _FAILURE = re.compile(
     r"(?i)n['’]?t\b|\bcannot\b|\bnever\b|\bstops?\b|\balways\b|\bproblem|\btrouble|\bstuck\b|\bhangs?\b"
 )
 """Words of people on a line or bus, and on a failure: a text with one of each is a message too."""
+_IS_DEBUG = re.compile(r"\b(?:DEBUG|TRACE)\b|\b[DV] \(\d+\) |\[(?:VV?|D)\]")
+_PROSE = re.compile(r"(?:\b[A-Za-z']{2,}\b,? +){4}")
+"""Words of a sentence: bytes beside them may be a part of a frame, or an example."""
 _NUMBER = re.compile(r"(?i)exception[ _]?(?:code)?[\"']?\s*[:=]?\s*[('\"]*(0x[0-9a-f]{1,2}|\d{1,2})\b(?!\d)(?!,)")
 _NAMES = {
     "illegalfunction": 1,
@@ -252,11 +289,16 @@ _EXCEPTION = re.compile(r"Exception Response\(|exceptionCode|SlaveException")
 _ABORT = re.compile(r"\b(?:0x|(?<=\())(0[568][0-9A-Fa-f]{6})\b")
 _ABORT_TEXTS = {code.text.partition(",")[0].lower(): code for code in AbortCode if len(code.text) > _LONG}
 _EMERGENCY = re.compile(r"(?i)\berror ?code\W{1,3}0x([0-9a-f]{4})\b")
-_UNIT = re.compile(r"(?i)(?:slave|unit|server)(?: address| id)? out of range \((\d{3,})\)")
+_UNIT = re.compile(r"(?i)(?:(?:slave|unit|server)(?: address| id)? out of range \(|-- Polling slave )(\d{3,})\b")
 _LENGTHS = re.compile(
     r"(?i)(?:length|bytes?|size|short|long)\b.{0,40}?expected (\d+),? (?:but )?(?:got|received) (\d+)|"
     r"expected (\d+) bytes,? (?:but )?(?:got|received) (\d+)"
 )
+_LAST_UNIT = 247
+_NO_VALUE = re.compile(
+    r"(?i)(?:\[|=|\b(?:values?|reads?|returns?|shows?|got|get|gives?|is|always)\b:?) ?(65535|32767|-?32768)\b(?![.,]\d)"
+)
+"""A value that the text gives, and not a limit or a port."""
 _TRANSACTIONS = re.compile(
     r"transaction[ _]id '?(\d+)'? does not match request '?(\d+)|ask for transaction_id=(\d+) but got id=(\d+)"
 )
@@ -269,12 +311,22 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
     'no-bytes'
     """
     is_message = _IS_MESSAGE.search(text) or (_FIELD.search(text) and _FAILURE.search(text))
-    if "\0" in text or not is_message:
+    pieces = pieces_of(text)
+    readings = readings_of(text, pieces)
+    is_prose = 0 < max(map(len, pieces), default=0) < _REQUEST and _PROSE.search(text) is not None
+    if "\0" in text or not (is_message or readings or is_prose):
         return None
     program, how = _program(text)
     stated = _stated(text)
     said = f"the text says that {', that '.join(stated)}" if stated else "the text does not say what failed"
     log = f"a log of {program} with its bytes: {how}" if program else f"a log with bytes: {how}"
+    if readings:
+        told = "; ".join(readings[:_SHOWN]) + (f"; the text says that {', that '.join(stated)}" if stated else "")
+        return LineVerdict("not-seen", NO_WHOLE_FRAMES, told)
+    if pieces:
+        what = f"{', '.join(map(shown_digits, pieces[:_SHOWN]))}; {said}{_apart(stated, text)}; to get {log}"
+        text = NO_WHOLE_FRAMES if is_prose else "the bytes in the text are no frames that are read"
+        return LineVerdict("not-seen", text, what)
     return LineVerdict(
         "no-bytes", "there are no bytes, so that no cause is proved", f"{said}{_apart(stated, text)}; to get {log}"
     )
@@ -283,11 +335,16 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
 def verdict_of_words(text: str, codes: Collection[str]) -> LineVerdict | None:
     """Return what the words beside the bytes state, as said and not seen; None if they state nothing, or if `codes`,
     those of the diagnosis, name a cause."""
-    stated = [] if "\0" in text or set(codes) - _UNDECIDED else _stated(text)
+    if "\0" in text or set(codes) - _UNDECIDED:
+        return None
+    stated = _stated(text)
     if "nothing-wrong" in codes or "refused" in codes:
         stated = [what for what in stated if what != _SILENT]  # the bytes show it
     if not _CHECKSUM_FAILS.search(text):
         stated = [what for what in stated if what != _CHECKSUM]
+    floats = [] if "canopen" in text.lower() else list(floats_of(text, pieces_of(text)))[:_SHOWN]
+    if floats:
+        return LineVerdict("said", "the words beside the bytes are said, not seen", "; ".join(floats))
     if not stated:
         return None
     against = ""
@@ -302,12 +359,15 @@ def verdict_of_words(text: str, codes: Collection[str]) -> LineVerdict | None:
 
 
 def _stated(text: str) -> list[str]:
-    return list(dict.fromkeys(chain(_numbered(text), (what for words, what in _STATED if re.search(words, text)))))
+    stated = list(dict.fromkeys(chain(_numbered(text), (what for words, what in _STATED if re.search(words, text)))))
+    return [what for what in stated if what != _CHECKSUM] if _EQUAL in stated else stated
 
 
 def _program(text: str) -> tuple[str, str]:
     """Return the program that wrote a text, and how it logs its bytes; an empty name if no word tells."""
     program = next(((name, how) for name, words, how in _PROGRAMS if re.search(words, text, re.MULTILINE)), None)
+    if program is not None and program[1] != _CANDUMP and _IS_DEBUG.search(text):
+        return program[0], f"{program[1]}; if that is set already, {_ANY_PROGRAM}"
     if program is not None:
         return program
     is_can = any(stated.startswith("a node ") for stated in _numbered(text))
@@ -348,10 +408,20 @@ def _numbered(text: str) -> list[str]:
     aborts = {int(code, 16) for code in _ABORT.findall(text)}
     if not aborts and "bort" in text:
         aborts = {int(code) for words, code in _ABORT_TEXTS.items() if words in text.lower()}
-    stated += [f"a node refuses: abort {code:08X} ({abort_text(code)})" for code in sorted(aborts)]
+    is_own = re.search(r"(?i)by (?:the )?client", text) is not None
+    for code in sorted(aborts):
+        by = "the client gave up" if is_own or code == AbortCode.TIMED_OUT else "a node refuses"
+        stated.append(f"{by}: abort {code:08X} ({abort_text(code)})")
     for code in dict.fromkeys(_EMERGENCY.findall(text)):
         stated.append(f"a node reports the emergency {code}h ({error_text(int(code, 16))})")
-    stated += [f"unit {unit} is asked, which is none: 1 to 247 are; a register?" for unit in _UNIT.findall(text)]
+    for unit in dict.fromkeys(_UNIT.findall(text)):
+        if int(unit) > _LAST_UNIT:
+            other = "a register?" if int(unit) > _LONGEST_ANSWER else "248 to 255 are reserved"
+            stated.append(f"unit {unit} is asked, which is none: 1 to 247 are; {other}")
+    for value in dict.fromkeys(_NO_VALUE.findall(text)):
+        stated.append(
+            f"{value} is {int(value) & 0xFFFF:04X}h, which many devices send for a value that they do not have"
+        )
     for expected, got in (map(int, filter(None, numbers)) for numbers in _LENGTHS.findall(text)):
         if got == _REFUSAL < expected:
             stated.append(f"5 bytes came where {expected} were expected: the length of a refusal")
@@ -360,4 +430,9 @@ def _numbered(text: str) -> list[str]:
     pairs = [(answer or got, request or asked) for answer, request, asked, got in _TRANSACTIONS.findall(text)]
     if pairs and all(int(request) - int(answer) == 1 for answer, request in pairs):
         stated.append("each answer is that of the request before, so late by one")
+    elif pairs and not any(int(request) == int(answer) for answer, request in pairs):
+        stated.append(
+            f"transaction {pairs[0][0]} answers, and {pairs[0][1]} was asked: the answer to another request, of this "
+            "client before or of another one behind the same gateway"
+        )
     return stated

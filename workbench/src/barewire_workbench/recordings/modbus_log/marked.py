@@ -151,6 +151,8 @@ def with_transactions(items: list[LoggedBytes | Unread], open_numbers: set[bytes
     done: list[LoggedBytes | Unread] = []
     for item in items:
         if isinstance(item, Unread) or item.protocol != "tcp" or item.from_client is not None:
+            if isinstance(item, LoggedBytes) and item.data:
+                (open_numbers.add if item.from_client else open_numbers.discard)(item.data[:2])
             done.append(item)
             continue
         for data in _frames(item.data):
@@ -210,6 +212,7 @@ _FEW = re.compile(
     r"""[\s\[<({'"]*(?P<digits>(?:(?:0[xX]|\\x)?[0-9A-Fa-f]{1,6}[\s,;:.|\-\]\[<>'"]{0,4}){1,3})"""
     r"""[\])}>]*(?: ?\(\d+\))?(?: at \d+|\|.*\|)?"""
 )
+_STRING = re.compile(r"\"([^\"\\]{1,260})\"\s*$")
 _DIGITS = re.compile(r"[0-9A-Fa-f]+")
 _OPENINGS_MAX, _MARKS_WORD = 100, frozenset(":=>])}")
 _COMPLAINT = re.compile(r"(?i)\bCRC\b|checksum|invalid|incomplete|unexpected|discard|garbage|malformed|corrupt")
@@ -283,7 +286,7 @@ def _directed(plain: str, number: int, openings: set[str] | frozenset[str] = fro
     if isinstance(openings, set) and octets is not None and len(openings) < _OPENINGS_MAX:
         openings.add(octets.before.strip())
     if octets is None and openings:
-        octets = _few(plain, openings)
+        octets = _few(plain, openings) or _string(plain, openings)
     if octets is None and (single := _SINGLE.search(plain)) is not None:
         before = plain[: single.start(1)].removesuffix("0x").removesuffix("\\x")
         word, sent, from_client = direction_of(before)
@@ -332,6 +335,14 @@ def _few(plain: str, openings: Iterable[str]) -> Octets | None:
     is_hex = all(len(token) < 3 or len(token) % 2 == 0 for token in tokens)
     data = bytes.fromhex("".join(token.rjust(2, "0") for token in tokens)) if is_hex else None
     return None if data is decimal is None else Octets(before, data, decimal)
+
+
+def _string(plain: str, openings: Iterable[str]) -> Octets | None:
+    """Return the bytes of a line that ends with a string without escapes, where other lines have some."""
+    literal = _STRING.search(plain)
+    if literal is None or plain[: literal.start()].strip() not in openings:
+        return None
+    return Octets(plain[: literal.start()], literal[1].encode("latin-1", "replace"))
 
 
 def _exchange(last: Octets, number: int) -> list[LogEntry]:

@@ -38,7 +38,7 @@ _MARKUP = re.compile(r"</?(?:b|i|code|pre|strong|em|p|br|tt)\s*/?>|\*\*|`")
 """What sets bytes off in a text of Markdown or HTML."""
 _LITERAL = re.compile(r"""b?(?:'(?:[^'\\]|\\.){1,1000}'|"(?:[^"\\]|\\.){1,1000}")""")
 _ESCAPED = re.compile(r"\\x[0-9A-Fa-f]{2}|\\[0-3][0-7]{2}")
-_QUOTES = str.maketrans("\u201c\u201d\u201e\u2018\u2019", "\"\"\"''")
+_QUOTES = str.maketrans("\u201c\u201d\u201e\u2018\u2019", '"""\'\'')
 """Quotes as a word processor or a forum sets them."""
 _WORD = re.compile(r"(?i)[g-z][a-z]{2,}|[a-z]{2,}[g-z]|[^\x00-\x7F]{2}")
 _ONE_NOTATION = "bytes in one notation"
@@ -77,7 +77,8 @@ def without_markup(line: str) -> str:
     >>> without_markup("> received **01 83 02 C0 F1** <b>now</b>")
     'received 01 83 02 C0 F1 now'
     """
-    return _MARKUP.sub("", line).removeprefix("> ").translate(_QUOTES)
+    plain = line.translate(_QUOTES)
+    return plain if _ESCAPED.search(plain) else _MARKUP.sub("", plain).removeprefix("> ")  # marks may be characters
 
 
 def whole_frames(data: bytes, starts: set[int] | None = None) -> list[tuple[int, int]]:
@@ -111,8 +112,8 @@ def _end_of_frame(data: bytes, at: int) -> int | None:
     return None
 
 
-def read_posted(lines: list[str]) -> list[Posted]:
-    """Return the bytes in the lines of a text, in their order.
+def read_posted(lines: list[str], least: int = _LEAST) -> list[Posted]:
+    """Return the bytes in the lines of a text, in their order; of those in one notation `least` in a row.
 
     >>> [(found.entry.data.hex(" "), found.why) for found in read_posted(["it says:[1, 131, 2, 192, 241]."])]
     [('01 83 02 c0 f1', 'a whole frame, in decimal')]
@@ -123,7 +124,7 @@ def read_posted(lines: list[str]) -> list[Posted]:
         return []  # a log of bytes alone, with an error in it
     for number, line in enumerate(lines, start=1):
         last = 0
-        for start, end, data, why in _rows(line):
+        for start, end, data, why in _rows(line, least):
             before = line[max(last, start - _WORDS) : start].rstrip(" [({<'\"") or (above if not last else "")
             _, sent, from_client = direction_of(before)
             frame = next((data[begin:end] for begin, end in whole_frames(data)), data)
@@ -133,14 +134,15 @@ def read_posted(lines: list[str]) -> list[Posted]:
                 code = number  # a table or an address in a program
                 continue
             request, response = shapes(pdu) if pdu else (False, False)
-            from_client = request if request != response else from_client
+            is_told = sent is not None or from_client is not None
+            from_client = request if is_told and request != response else from_client
             found.append(Posted(LogEntry(number, data, sent, from_client), why))
             last = end
         above = "" if last else line.strip() or above
     return found
 
 
-def _rows(line: str) -> Iterator[tuple[int, int, bytes, str]]:
+def _rows(line: str, least: int) -> Iterator[tuple[int, int, bytes, str]]:
     """Yield the place and the bytes of the numbers of a line that are bytes, and why; or those of strings with
     escapes."""
     literals = [*_literals(line)] if "\\" in line else []
@@ -152,10 +154,10 @@ def _rows(line: str) -> Iterator[tuple[int, int, bytes, str]]:
     for token in [*_TOKEN.finditer(line), None]:
         gap = "" if token is None else line[end : token.start()]
         if row and (token is None or not _GAP.fullmatch(gap)):
-            yield from _of_row(row)
+            yield from _of_row(row, least)
             row = []
         if token is not None:
-            row.append(_number(token, gap if row else ""))
+            row.append(_number(token, " " if gap.isspace() else gap if row else ""))
             end = token.end()
 
 
@@ -178,7 +180,7 @@ def _number(token: re.Match[str], gap: str) -> _Number:
     return _Number(token.start(), token.end(), kind, gap, data, int(digits) if is_decimal else None)
 
 
-def _of_row(row: list[_Number]) -> Iterator[tuple[int, int, bytes, str]]:
+def _of_row(row: list[_Number], least: int) -> Iterator[tuple[int, int, bytes, str]]:
     decimal = [None if number.decimal is None else bytes((number.decimal,)) for number in row]
     both = [([number.data for number in row], ""), (decimal, ", in decimal")]
     if len({number.kind for number in row}) > 1 and any(number.kind == ("", 1) for number in row):
@@ -193,7 +195,7 @@ def _of_row(row: list[_Number]) -> Iterator[tuple[int, int, bytes, str]]:
         if found:
             yield from found
             return
-    yield from _in_one_notation(row)
+    yield from _in_one_notation(row, least)
 
 
 def _framed(row: list[_Number], parts: list[bytes], what: str) -> Iterator[tuple[int, int, bytes, str]]:
@@ -226,7 +228,7 @@ def _notations(row: list[_Number], first: int, last: int) -> tuple[list[tuple[st
     return [number.kind for number in numbers], [number.gap for number in numbers[1:]] or [""]
 
 
-def _in_one_notation(row: list[_Number]) -> Iterator[tuple[int, int, bytes, str]]:
+def _in_one_notation(row: list[_Number], least: int) -> Iterator[tuple[int, int, bytes, str]]:
     """Yield the parts of a row that have bytes of two hexadecimal digits, or with a mark, and one separator."""
     first = 0
     for place in range(1, len(row) + 1):
@@ -236,6 +238,6 @@ def _in_one_notation(row: list[_Number]) -> Iterator[tuple[int, int, bytes, str]
         part = row[first:place]
         is_address = len(part) == _MAC and part[1].gap in (":", "-")
         is_byte = part[0].kind == ("", 2) or part[0].kind[0]
-        if len(part) >= _LEAST and is_byte and not is_address and all(number.data for number in part):
+        if len(part) >= least and is_byte and not is_address and all(number.data for number in part):
             yield part[0].start, part[-1].end, b"".join(number.data or b"" for number in part), _ONE_NOTATION
         first = place

@@ -349,11 +349,12 @@ class _LogReader:
         if log is not None and plain == lines:
             whole = (item for item in log.items if isinstance(item, LoggedBytes) and _is_whole(item))
             is_log = len(list(islice(whole, _LOG))) == _LOG or not _OF_ANY_PROGRAM.issuperset(log.form.split(" and "))
-            if is_log and not any(isinstance(item, Unread) and item.why == UNREADABLE for item in log.items):
+            if is_log and not any(isinstance(item, Unread) for item in log.items):
                 self.form = log.form
                 return log
         found = max((log, self._unmarked(plain)), key=_framed)
-        found = max((found, self._posted(plain)), key=_framed) if _framed(found)[1] < _LOG else found
+        if found is None or _OF_ANY_PROGRAM.issuperset(found.form.split(" and ")):
+            found = _with_more_frames(found, self._posted(plain))
         if found is None:
             raise refused
         self.form, self._is_text = found.form, found is not log
@@ -540,9 +541,10 @@ class _LogReader:
         return tuple(notes)
 
     def _left(self, number: int, line: str) -> Unread:
-        has_bytes = _LOOKS_LIKE_BYTES.search(line, 0, _LONGEST_LINE) is not None
+        is_short = len(line) <= _LONGEST_LINE
+        has_bytes = is_short and _LOOKS_LIKE_BYTES.search(without_stamp(line)[0]) is not None
         why = UNREADABLE if has_bytes else "no bytes of a frame in this line"
-        if len(line) > _LONGEST_LINE:
+        if not is_short:
             why = f"a line of more than {_LONGEST_LINE:,} characters"
         return unread(self._now, self._offset + number, why, line)
 
@@ -618,6 +620,21 @@ def _framed(log: ModbusLog | None) -> tuple[int, int, bool]:
     pieces = [item.data for item in log.items if isinstance(item, LoggedBytes)] if log is not None else []
     frames = [sum(end - begin for begin, end in whole_frames(data)) for data in pieces]
     return sum(frames), sum(map(bool, frames)), any(len(data) >= _SHORTEST for data in pieces)
+
+
+def _with_more_frames(log: ModbusLog | None, posted: ModbusLog | None) -> ModbusLog | None:
+    """Return the log, or what was found between words if that has other frames too; where the log has times, twice as
+    many. The same frames again are what a program printed twice."""
+    if _framed(log)[1] < _LOG:
+        return max((log, posted), key=_framed)
+    frames = [
+        {item.data for item in reading.items if isinstance(item, LoggedBytes) and whole_frames(item.data)}
+        for reading in (log, posted)
+        if reading is not None
+    ]
+    assert log is not None
+    least = 2 * len(frames[0]) if log.timed else len(frames[0]) + 1
+    return posted if len(frames[-1]) >= least else log
 
 
 def _is_part(entry: LogEntry) -> bool:
