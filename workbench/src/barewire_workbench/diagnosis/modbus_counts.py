@@ -77,6 +77,7 @@ class LineCounts:
     requests: int = 0
     responses: int = 0
     bursts: int = 0  # pieces that are not a frame, stray bytes beside frames not counted
+    no_value: Counter[str] = field(default_factory=Counter)  # responses of one register that is a mark, by that
     strange: int = 0  # of these: neither the beginning of the response that was due nor a frame with a fault
     stray: int = 0
     noise_bytes: int = 0
@@ -114,9 +115,14 @@ class LineCounts:
         """Return the counts in words."""
         answered = sum(unit.answered for unit in self.units.values())
         units = [number for number, unit in self.units.items() if unit.answered]
-        return (
+        text = (
             f"{counted(self.frames, 'frame')}, {counted(answered, 'request')} answered by {counted(len(units), 'unit')}"
         )
+        for value, number in self.no_value.items():
+            text += (
+                f"; {counted(number, 'response')} of {value} alone, which many devices send for a value not available"
+            )
+        return text
 
     # Frames that are not read as they were sent
 

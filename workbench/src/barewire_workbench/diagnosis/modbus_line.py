@@ -93,6 +93,10 @@ _FIVE_DIGITS = 10_000
 """Numbers of manuals with the digit of their table are above."""
 _DIFFERENCES = 2
 """Differences between what is refused and what is served that a verdict names."""
+_NO_VALUES = tuple(map(bytes.fromhex, ("7FFF", "8000", "FFFF", "7FFFFFFF", "80000000", "FFFFFFFF", "7FC00000")))
+"""Registers that SunSpec and many makers send for what a device does not measure."""
+_EXCEPTION = 5
+"""Bytes of an exception on a serial line."""
 _FEW = 16
 """Different refusals that are told apart by what was asked."""
 _READS = frozenset({0x01, 0x02, 0x03, 0x04})
@@ -145,6 +149,7 @@ class LineDiagnosis:
         self._numbered: list[tuple[int, Located]] = []  # refusals of addresses that look like numbers of a manual
         self._served: set[tuple[int, int]] = set()  # units, and the first digit of an address that they serve
         self._refusals = Refusals()
+        self._stuck: Piece | None = None  # the last response behind another one, in the same read
         self._instead = -1.0  # when something else than a response came, which has its finding
         self.unread_at = -1.0
         """The time of the last line of the log whose bytes cannot be read: they may be the response."""
@@ -205,6 +210,8 @@ class LineDiagnosis:
         self.counts.frames += 1
         self._lines.append(((piece.end, piece.adu.unit, piece.adu.pdu), piece))
         self._seen.append(piece)
+        if role == "response" and self._asked is None and piece.joined and not behind_noise:
+            self._stuck = piece
         if role == "request":
             self.counts.requests += 1
         else:
@@ -315,6 +322,11 @@ class LineDiagnosis:
         findings = self._examiner.findings(noise.data, role, good=counts.frames >= PROVES)
         if unit and findings and findings[0].code in WEAK and not begins:
             findings = []  # what is no answer to this request may look like the beginning of any
+        refused = asked.adu.pdu[0] if unit and asked is not None and asked.adu is not None else 0
+        is_cut = bool(findings) and findings[0].code == "cut-frame"
+        if refused and is_cut and noise.data[:2] == bytes((unit, refused | EXCEPTION_BIT)):
+            text = f"the beginning of an exception, so that function {refused:02X} is refused"
+            findings = [findings[0]._replace(text=f"{text}: {counted(_EXCEPTION - len(noise.data))} to come")]
         if findings and findings[0].code == "bit-flip" and noise.data in self.repeated:
             findings = []  # no disturbance changes the same bit twice
         if findings and not unit and (part := self._part_of_frame(findings[0], noise.data)):
@@ -538,7 +550,9 @@ class LineDiagnosis:
             self._spoiled.append((request.unit, request.at))
             yield self._located(event, finding)
         else:
-            self.unsettled.open[f"response of unit {event.unit} without its request"] += 1
+            stuck = self._stuck is not None and self._piece_of(event) is self._stuck
+            where = ", in one read with the response before it: that was left in the buffer" if stuck else ""
+            self.unsettled.open[f"response of unit {event.unit} without its request{where}"] += 1
             yield from self._refusal(event)
 
     def _to_request(self, event: ResponseSeen, request: RequestSeen) -> Iterator[Located]:
@@ -562,6 +576,8 @@ class LineDiagnosis:
                 self._numbered += [(_table_of(request.pdu), self._located(event, finding)) for finding in found]
         elif not exception:
             self._served.add((event.unit, _table_of(request.pdu)))
+        if event.pdu[0] in _READS and event.pdu[2:] in _NO_VALUES:
+            self.counts.no_value[event.pdu[2:].hex().upper() + "h"] += 1
         self._refusals.take(request.unit, request.pdu, refused=bool(exception))
         if (unused := unused_bits(request.pdu, event.pdu)) is not None:
             yield self._located(event, unused)

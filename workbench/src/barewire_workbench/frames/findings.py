@@ -77,7 +77,7 @@ MEANINGS: dict[DiagnosisCode, str] = {
     "restart": "A node started again without a command.",
     "no-frame": "Bytes of a log are not a frame, and no single fault explains them.",
     "no-answer": "A request was not answered.",
-    "late-answer": "An answer came after the client had sent its next request.",
+    "late-answer": "An answer, or a part of it, came after the client had sent its next request.",
     "two-answers": "A request was answered twice.",
     "no-bias": "Noise between the frames: the line has no bias resistors, and its idle level is not defined.",
     "echo": "Each request is read again: the transceiver receives what it sends.",
