@@ -151,7 +151,8 @@ def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
     try:
         first, others = traffic.modbus_parts(printer.unread)
     except BarewireError:
-        if words is None:  # a recording may be meant: which line is none
+        is_long = len(traffic.recording.start) >= _TEXT_MAX
+        if words is None or (is_long and words.code == "not-seen"):  # a recording may be meant: which line is none
             raise
     else:
         if words is None or not is_text(first):
