@@ -106,7 +106,9 @@ class OpenRequests:
             return asked, Finding(
                 "wrong-answer", f"{numbers}: the response to an earlier request, if the device is right", proof
             )
-        return asked, Finding("late-answer", f"{numbers}: the response to an earlier request comes late", proof)
+        return asked, Finding(
+            "late-answer", f"{numbers}: an earlier request has its response late, if the device is right", proof
+        )
 
     def late_for(self, event: ResponseSeen) -> RequestSeen | None:
         """Return the request that was given up and that this response answers."""
