@@ -11,7 +11,7 @@ from typing import Any
 
 from barewire.errors import EncodeError
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
-from barewire_workbench.diagnosis.modbus_line import ModbusLogDiagnosis
+from barewire_workbench.diagnosis.modbus_log import ModbusLogDiagnosis
 from barewire_workbench.diagnosis.verdict import LogFinding
 from barewire_workbench.frames.modbus_exchanges import Exchanges
 from barewire_workbench.monitor import event_line, is_repeated

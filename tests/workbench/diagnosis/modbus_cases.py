@@ -16,7 +16,7 @@ from barewire.modbus.framing import Line
 from barewire.modbus.messages import coils, combined, registers
 from barewire.rtu import RtuLine, Timing
 from barewire.tcp import TcpLine
-from barewire_workbench.diagnosis.modbus_line import ModbusLogDiagnosis
+from barewire_workbench.diagnosis.modbus_log import ModbusLogDiagnosis
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.recordings.capture import PacketBuilder, file_header, packet_block
 from barewire_workbench.recordings.modbus_log import read_modbus_log

@@ -8,7 +8,7 @@ from random import Random
 import pytest
 
 from barewire.errors import BarewireError
-from barewire_workbench.diagnosis.modbus_line import ModbusLogDiagnosis
+from barewire_workbench.diagnosis.modbus_log import ModbusLogDiagnosis
 from barewire_workbench.recordings.modbus_log import read_modbus_log
 from tests.helpers import every_case
 from tests.workbench.diagnosis.habits import ASCII, RTU, TCP, UNDECIDED, Habit, exchanges

@@ -12,7 +12,7 @@ import pytest
 from barewire.ascii import encode as ascii_frame
 from barewire.rtu import RtuLine, Timing, encode
 from barewire.tcp import encode as tcp_frame
-from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDiagnosis
+from barewire_workbench.diagnosis.modbus_log import LiveDiagnosis, ModbusLogDiagnosis
 from barewire_workbench.diagnosis.verdict import VERDICTS, VerdictCode
 from barewire_workbench.recordings.modbus_log import read_modbus_log
 from barewire_workbench.sniffer import WINDOW

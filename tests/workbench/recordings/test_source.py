@@ -15,7 +15,7 @@ from barewire.errors import DecodeError
 from barewire.rtu import encode as rtu_frame
 from barewire.tcp import encode as tcp_frame
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
-from barewire_workbench.diagnosis.modbus_line import ModbusLogDiagnosis
+from barewire_workbench.diagnosis.modbus_log import ModbusLogDiagnosis
 from barewire_workbench.monitor.recording import CanRecordingWriter, read_recording
 from barewire_workbench.recordings.capture import (
     SOCKETCAN,

@@ -21,5 +21,6 @@ Whole logs and live lines: findings with their place and time, then verdicts on 
     modbus_counts    what is counted on a line, and the verdicts that follow
     fragments        bytes in a text that are no whole frame: data of SDO messages, floats
     texts            error messages and logs without bytes
-    modbus_line      one Modbus line or connection; a whole log of Modbus, and a live line
+    modbus_line      one Modbus line or connection
+    modbus_log       all lines of a log, and one line as it is received
 """

@@ -1,4 +1,4 @@
-"""Diagnosis of a Modbus line, of all lines of a log, or of one line as it is received: findings, and verdicts.
+"""Diagnosis of one Modbus line or connection: findings, and verdicts.
 
         bytes --> TrackedLine --> frames and noise, each with its line --+--> noise beside a frame, damaged frames
               '-> Sniffer ------> requests and their responses ----------+--> no answer, two answers, echo
@@ -11,9 +11,8 @@ recording that ends before proves nothing.
 
 from __future__ import annotations
 
-from collections import Counter, deque
-from collections.abc import Callable, Iterable, Iterator
-from itertools import chain
+from collections import deque
+from collections.abc import Iterable, Iterator
 from typing import NamedTuple
 
 from barewire.modbus.adu import BROADCAST
@@ -31,11 +30,10 @@ from barewire_workbench.diagnosis.exchange import (
     shown_digits,
 )
 from barewire_workbench.diagnosis.modbus_counts import LineCounts
-from barewire_workbench.diagnosis.modbus_pieces import WEAK, Examiner, Piece, TrackedLine
+from barewire_workbench.diagnosis.modbus_pieces import WEAK, Examiner, Piece
 from barewire_workbench.diagnosis.modbus_responses import (
     KEPT,
     STRAY,
-    Envelopes,
     OpenRequests,
     Overlap,
     Refusals,
@@ -44,7 +42,6 @@ from barewire_workbench.diagnosis.modbus_responses import (
     long_exception,
     unused_bits,
 )
-from barewire_workbench.diagnosis.tcp import diagnose_tcp
 from barewire_workbench.diagnosis.verdict import (
     FindingCounts,
     LineVerdict,
@@ -55,19 +52,13 @@ from barewire_workbench.diagnosis.verdict import (
 from barewire_workbench.frames.findings import DiagnosisCode, Finding
 from barewire_workbench.frames.modbus import explain_pdu
 from barewire_workbench.frames.result import FrameRole, ProtocolName, counted
-from barewire_workbench.recordings.modbus_log import UNREADABLE, LoggedBytes, ModbusLog
-from barewire_workbench.recordings.modbus_replay import LogSniffers, SerialProtocol
-from barewire_workbench.recordings.model import LEFT_OUT
 from barewire_workbench.sniffer import (
-    WINDOW,
     AmbiguousFrame,
-    HeardLine,
     NoiseSeen,
     RecordingEnds,
     RequestSeen,
     ResponseMissing,
     ResponseSeen,
-    Sniffer,
     SnifferEvent,
     readable,
     shapes,
@@ -737,168 +728,3 @@ class LineDiagnosis:
 def _table_of(request: bytes) -> int:
     """Return the first of five digits of the address in a request: in the numbers of manuals it is the table."""
     return int.from_bytes(request[1:3], "big") // _FIVE_DIGITS
-
-
-def _ignore(event: SnifferEvent, protocol: ProtocolName) -> None:
-    """Take an event, and do nothing."""
-
-
-class ModbusLogDiagnosis:
-    """A whole log of Modbus: each serial line and each TCP connection in it has its own diagnosis. `on_event` gets each
-    event of the sniffer, and its framing, before the findings that follow from it.
-
-    >>> from barewire_workbench.recordings.modbus_log import read_modbus_log
-    >>> log = ModbusLogDiagnosis(read_modbus_log(b"1.0 01 03 00 00 00 02 C4 0B\\n1.1 01 83 02 C0 F1\\n"))
-    >>> list(log.findings()), log.verdicts()[0][1].text
-    ([], 'a device refused or reported something')
-    """
-
-    def __init__(
-        self,
-        log: ModbusLog,
-        window: float = WINDOW,
-        protocol: SerialProtocol | None = None,
-        on_event: Callable[[SnifferEvent, ProtocolName], object] = _ignore,
-    ) -> None:
-        self.log = log = _with_framing(log)
-        self._on_event = on_event
-        pieces = [item.data for item in log.items if isinstance(item, LoggedBytes) and len(item.data) > STRAY]
-        tails = {data[before:] for data in pieces for before in range(1, STRAY + 1)}
-        self._repeated = frozenset(data for data, count in Counter(pieces).items() if count > 1 or data in tails)
-        self.lines: dict[str, LineDiagnosis] = {}
-        self._tracked: dict[str, list[TrackedLine]] = {}
-        self._place: tuple[int, bool | None] = (0, None)
-        self._unreadable = 0  # lines
-        self._left_out: list[str] = []
-        self._envelopes = Envelopes()
-        self._sniffers = LogSniffers(log, window, protocol, self._wrapped)
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {len(self.lines)} lines>"
-
-    def _wrapped(self, line: HeardLine, name: str, protocol: ProtocolName) -> HeardLine:
-        tracked = TrackedLine(line, protocol)
-        tracked.place(*self._place)
-        self._tracked.setdefault(name, []).append(tracked)
-        if name not in self.lines:
-            self.lines[name] = LineDiagnosis(protocol, timed=self.log.timed)
-            self.lines[name].repeated = self._repeated
-        if len(self.lines) == 2:  # one alone has no name
-            for other, diagnosis in self.lines.items():
-                diagnosis.name = other
-        elif len(self.lines) > 2:
-            self.lines[name].name = name
-        return tracked
-
-    def findings(self, others: Iterable[ModbusLog] = ()) -> Iterator[LogFinding]:
-        """Yield the findings, in the order in which they are certain. `others` are the parts behind the log."""
-        for item in chain(self.log.items, chain.from_iterable(part.items for part in others)):
-            if isinstance(item, LoggedBytes):
-                self._place = item.line, item.from_client
-                for tracked in self._tracked.get(item.connection, ()):
-                    tracked.place(*self._place)
-                around = self._envelopes.take(item.envelope) if item.envelope else None
-                if around is not None and item.connection in self.lines:
-                    yield self.lines[item.connection].note(Located(0, around, item.at, item.line))
-                yield from self._taken(self._sniffers.feed(item))
-            elif item.why == UNREADABLE:
-                self._unreadable += 1
-                for diagnosis in self.lines.values():
-                    diagnosis.unread_at = item.at
-            elif LEFT_OUT in item.why:
-                self._left_out.append(item.why)
-        for tracked in chain.from_iterable(self._tracked.values()):
-            if self.log.form != "capture":  # whose end may be in the middle of a frame
-                tracked.end()
-        yield from self._taken(self._sniffers.end())
-        for diagnosis in self.lines.values():
-            yield from diagnosis.flush()
-            # Of which line or connection they are is not known.
-            diagnosis.unsettled.unseen += self._left_out
-            if self._unreadable:
-                diagnosis.unsettled.unseen.append(f"{counted(self._unreadable, 'line')} whose bytes cannot be read")
-
-    def _taken(self, events: Iterable[tuple[str, SnifferEvent]]) -> Iterator[LogFinding]:
-        by_line: dict[str, list[SnifferEvent]] = {}
-        for name, event in events:
-            self._on_event(event, self.lines[name].protocol)
-            by_line.setdefault(name, []).append(event)
-        for name in self._sniffers.touched:
-            pieces = [piece for tracked in self._tracked[name] for piece in tracked.take()]
-            if pieces or name in by_line:
-                yield from self.lines[name].take(pieces, by_line.get(name, ()))
-
-    def verdicts(self) -> list[tuple[str, LineVerdict]]:
-        """Return the verdicts on each line or connection, with its name; the name is empty if there is only one."""
-        named = list(self.lines.items()) or [("", LineDiagnosis("rtu"))]
-        return [(diagnosis.name, verdict) for _, diagnosis in named for verdict in diagnosis.verdicts()]
-
-
-def _with_framing(log: ModbusLog) -> ModbusLog:
-    """Return a log without any whole frame as one of Modbus TCP, if that framing explains what is wrong with one."""
-
-    def is_tcp(data: bytes) -> bool:
-        codes = {finding.code for finding in diagnose_tcp(data)} if data[2:4] == b"\0\0" else set()
-        return bool(codes & {"mbap-header", "header-byte-order", "byte-count", "noise-after", "noise-before"})
-
-    pieces = [item for item in log.items if isinstance(item, LoggedBytes)]
-    if any(item.protocol is not None for item in pieces) or not any(is_tcp(item.data) for item in pieces):
-        return log
-    # An exception is a response.
-    items = (
-        item._replace(protocol="tcp", from_client=item.from_client is not False and item.data[7:8] < b"\x80")
-        if isinstance(item, LoggedBytes)
-        else item
-        for item in log.items
-    )
-    return log._replace(items=tuple(items))
-
-
-class LiveDiagnosis:
-    """One serial line as it is received. A machine: feed bytes, and None at every `deadline`; `end` it once.
-
-    >>> from barewire.rtu import RtuLine, Timing, encode
-    >>> live = LiveDiagnosis(RtuLine(Timing.of(19200), role="listener"), "rtu")
-    >>> for place in range(2):
-    ...     _ = live.feed(encode(1, bytes.fromhex("03 0000 0001")), 0.2 * place)
-    ...     _ = live.feed(encode(1, bytes.fromhex("03 02 0017")), 0.2 * place + 0.05)
-    >>> live.end(0.5), live.verdicts()[0].text
-    ([], 'nothing wrong')
-    """
-
-    def __init__(
-        self,
-        line: HeardLine,
-        protocol: ProtocolName,
-        window: float = WINDOW,
-        on_event: Callable[[SnifferEvent, ProtocolName], object] = _ignore,
-    ) -> None:
-        self._on_event = on_event
-        self._tracked = TrackedLine(line, protocol)
-        self._sniffer = Sniffer(self._tracked, window=window)
-        self._diagnosis = LineDiagnosis(protocol)
-
-    def __repr__(self) -> str:
-        return f"<{type(self).__name__}: {self._diagnosis!r}>"
-
-    @property
-    def deadline(self) -> float | None:
-        """When to feed None if nothing arrived."""
-        return self._sniffer.deadline
-
-    def feed(self, data: bytes | None, now: float) -> list[LogFinding]:
-        """Take bytes, the last of them received at `now`, or None if only time has passed. Return the findings."""
-        return self._taken(self._sniffer.feed(data, now))
-
-    def end(self, now: float) -> list[LogFinding]:
-        """End the reception, and return the last findings."""
-        return [*self._taken(self._sniffer.end(now)), *self._diagnosis.flush()]
-
-    def _taken(self, events: list[SnifferEvent]) -> list[LogFinding]:
-        for event in events:
-            self._on_event(event, self._diagnosis.protocol)
-        return self._diagnosis.take(self._tracked.take(), events)
-
-    def verdicts(self) -> list[LineVerdict]:
-        """Return what the numbers show about the line."""
-        return self._diagnosis.verdicts()

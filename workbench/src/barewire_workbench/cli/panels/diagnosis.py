@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal, cast
 from barewire.devices import Device
 from barewire.io.endpoint import Endpoint
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
-from barewire_workbench.diagnosis.modbus_line import ModbusLogDiagnosis
+from barewire_workbench.diagnosis.modbus_log import ModbusLogDiagnosis
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.monitor import of_device
 from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog

@@ -28,7 +28,7 @@ from barewire_workbench.cli.sources import RecordingFile, Source, UnreadPrinter,
 from barewire_workbench.diagnosis.can import explain_diagnosed_can
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.diagnosis.exchange import frame_of
-from barewire_workbench.diagnosis.modbus_line import LiveDiagnosis, ModbusLogDiagnosis
+from barewire_workbench.diagnosis.modbus_log import LiveDiagnosis, ModbusLogDiagnosis
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.frames.can import explain_segment
 from barewire_workbench.frames.known_node import KnownNode
