@@ -22,8 +22,8 @@ from tests.helpers import every_case
         ("write: No buffer space available", "no other node acknowledges", "candump"),
         ("[08:24:49][W][modbus:126]: Modbus CRC Check failed! C071!=00", "a checksum", "direction: BOTH"),
         ("response transaction id '82' does not match request '83' error", "late by one", "bytes"),
-        ("it failed", "does not say what failed", "tcpdump"),
-        ("Failed to get data of the meter", "does not say what failed", "tcpdump"),
+        ("it failed", "no message that is known", "tcpdump"),
+        ("Failed to get data of the meter", "no message that is known", "tcpdump"),
         ("could not open port '/dev/ttyUSB0': [Errno 13] Permission denied", "another program", "sniff"),
         ("no sdo response recieved", "no answer came", "candump"),
         ("can0: bus-off", "left the bus", "candump"),
@@ -45,10 +45,14 @@ def test_what_is_no_message_has_no_verdict(text: str) -> None:
 @pytest.mark.parametrize(
     ("text", "states", "program"),
     [
-        ("Two nodes with CAN bus shields. CAN.read() never returns anything.", "does not say", "candump"),
-        ("My RS485 adapter works with a PC, but I can't get it to work with this board", "does not say", "sniff"),
-        ("the CANopen drive stops after the first PDO", "does not say", "candump"),
-        ("modbus register 12 is always 0", "does not say", "sniff"),
+        ("Two nodes with CAN bus shields. CAN.read() never returns anything.", "no message that is known", "candump"),
+        (
+            "My RS485 adapter works with a PC, but I can't get it to work with this board",
+            "no message that is known",
+            "sniff",
+        ),
+        ("the CANopen drive stops after the first PDO", "no message that is known", "candump"),
+        ("modbus register 12 is always 0", "no message that is known", "sniff"),
     ],
 )
 def test_words_of_the_field_and_of_a_failure_are_a_message(text: str, states: str, program: str) -> None:
@@ -56,6 +60,29 @@ def test_words_of_the_field_and_of_a_failure_are_a_message(text: str, states: st
     assert verdict is not None
     assert states in verdict.evidence
     assert program in verdict.evidence
+
+
+@every_case(
+    "text",
+    [
+        "I refused to use RTU with this Modbus meter, since it always fails",
+        "modbus fails: at listOnTimeout (node:internal/timers:559:17)\n at Timeout._onTimeout (index.js:3)",
+        "client = ModbusSerialClient(timeout=5)  # modbus fails",
+        '{"modbus": {"timeout": 5000}} and it fails',
+        "the meter fails: it wants RTU frames over TCP, without CRC it never works with Modbus",
+        "the slave does not check the checksum of Modbus and gets stuck",
+    ],
+)
+def test_settings_code_and_what_people_write_are_no_messages(text: str) -> None:
+    verdict = verdict_without_bytes(text)
+    assert verdict is not None
+    assert "no message that is known stands in the text" in verdict.evidence
+
+
+def test_the_words_are_shown_with_their_line() -> None:
+    verdict = verdict_without_bytes("I try to read my meter.\nIt prints\nModbus Error: No Response received")
+    assert verdict is not None
+    assert '"No Response" (line 3): no answer came in time' in verdict.evidence
 
 
 @pytest.mark.parametrize(
@@ -75,7 +102,7 @@ def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() ->
     [
         (
             "ERROR: Acknowledgement Error Detected, ERROR-PASSIVE",
-            "no other node acknowledges what is sent, that the CAN",
+            'no other node acknowledges what is sent; "ERROR-PASSIVE" (line 1): the CAN',
         ),
         ("mcp2515: bit stuffing errors", "errors of stuffing or form"),
         ("write: No buffer space available", "may be no other node acknowledges, or a queue that is too short"),
@@ -88,13 +115,13 @@ def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() ->
         ("mbpoll: slave address out of range (800)", "unit 800 is asked, which is none"),
         (
             "Data length error, expected 261 got 5",
-            "5 bytes came where 261 were expected: the length of a refusal, that 128",
+            '5 bytes came where 261 were expected: the length of a refusal; "length error, expected 261 got 5"',
         ),
         ("sdo request: no response", "candump shows whether the request is on the bus"),
         ("modbus: no response", "barewire scan tries units and settings"),
         ("Result: EX_ILLEGAL_ADDRESS", "exception 02 (illegal data address)"),
         ("modbus exception 02", "exception 02 (illegal data address)"),
-        ("Unexpected start address in response. Expected 262, received 5.", "the text does not say what failed"),
+        ("Unexpected start address in response. Expected 262, received 5.", "no message that is known"),
         ("MB_MASTER_SERIAL: uart parity error.", "errors of parity or framing, or a break; that may be another parity"),
         ("-- Polling slave 255... Assertion `ctx->slave != -1' failed", "none: 1 to 247 are; 248 to 255 are reserved"),
         ("I receive Errno 105", "the send queue of the interface is full"),
@@ -103,8 +130,8 @@ def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() ->
         ("response transaction id '1' does not match request '167'", "another one behind the same gateway"),
         ("modbus.read_holding_registers(57357,1) [65535]", "65535 is FFFFh, which many devices send for a value"),
         ("result: E2", "no answer came in time"),
-        ("the E2 terminal never gets a modbus frame", "the text does not say what failed"),
-        ("modbus: the ports 1 to 65535 fail", "the text does not say what failed"),
+        ("the E2 terminal never gets a modbus frame", "no message that is known"),
+        ("modbus: the ports 1 to 65535 fail", "no message that is known"),
         ("Failed: slave not connected; D (884) MB_PORT_COMMON: x", "if that is set already, of TCP by tcpdump"),
     ],
 )
@@ -124,7 +151,7 @@ def test_words_that_leave_the_cause_open_name_what_it_may_be_and_how_to_tell(tex
         ),
         ("it is <0x07><0x7A><0x42><0x9B>, and should be 77.514603", "CDAB 77.5146; ABCD 1.88275e-34"),
         ("the float is read as [0, 16320, 0, 16448]", "CDAB 1.5, 3"),
-        ("Sent data is actually 01 ff ff ff 7f here", "01 FF FF FF 7F; the text does not say what failed"),
+        ("Sent data is actually 01 ff ff ff 7f here", "01 FF FF FF 7F; no message that is known"),
     ],
 )
 def test_bytes_that_are_no_whole_frame_are_shown_and_read_where_that_makes_sense(text: str, states: str) -> None:

@@ -2,8 +2,9 @@
 
         "Modbus Error: [Input/Output] No Response received"  -->  no-bytes: no answer in time; how pymodbus logs bytes
 
-Such a text proves nothing about a line or bus, so that the one verdict is `no-bytes`. It says what the words state (the
-port is closed, a device refused, no answer came) and how the program that wrote them is told to log its bytes.
+Such a text proves nothing about a line or bus, so that the one verdict is `no-bytes`. It shows the words that are
+known, what they mean where a program wrote them (the port is closed, a device refused, no answer came), and how that
+program is told to log its bytes. Whether a program wrote them, or a person who means something else, is not known.
 """
 
 from __future__ import annotations
@@ -11,6 +12,7 @@ from __future__ import annotations
 import re
 from collections.abc import Collection
 from itertools import chain
+from typing import NamedTuple
 
 from barewire.canopen.abort_codes import AbortCode, abort_text
 from barewire.canopen.emcy import error_text
@@ -144,7 +146,7 @@ def _result_code(code: str) -> str:
 
 _STATED: tuple[tuple[str, str], ...] = (
     (
-        r"refused|ECONNREFUSED|Errno 111",
+        r"(?i)connection (?:\w+ )?refused|refused (?:the |to )?connect|ECONNREFUSED|Errno 111",
         "the connection is refused: nothing listens on the port, or no further client is taken",
     ),
     (r"unreachable|No route to host|EHOSTUNREACH", "the host is not reached"),
@@ -203,13 +205,13 @@ _STATED: tuple[tuple[str, str], ...] = (
     (_result_code("E0"), "an answer came from another unit (ModbusMaster's E0)"),
     (_result_code("E1"), "an answer has another function (ModbusMaster's E1)"),
     (
-        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|time[ds]?[-_ ]?out|"
+        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|(?<![\w.])time[ds]?[-_ ]?out(?!\w|\.\w|\W{0,2}[=:(]\W*\d)|"
         rf"{_result_code('E[24]')}|"
         r"(?:not|n't) (?:receive|respond|answer|get(?! (?:\w+ ){1,3}work))|no communication|offline|waiting for",
         _SILENT,
     ),
 )
-"""What the words of a message state, most telling first."""
+"""What words mean in a message of a program, most telling first."""
 _TOLD_APART: dict[str, tuple[str, str]] = {
     _SILENT: (
         "another unit or other settings, exchanged wires, a driver not switched (DE, RTS), a device that is off",
@@ -304,6 +306,28 @@ _TRANSACTIONS = re.compile(
 )
 
 
+class _Stated(NamedTuple):
+    """What words mean in a message of a program, the words, and the number of their line."""
+
+    what: str
+    words: str
+    line: int
+
+    @classmethod
+    def by(cls, words: re.Match[str], what: str) -> _Stated:
+        """Return what matched words mean."""
+        return cls(what, " ".join(words.group().split()), words.string.count("\n", 0, words.start()) + 1)
+
+
+def _said(stated: list[_Stated]) -> str:
+    """Return the known words of a text with their meaning: that they stand there is certain, that a program wrote them
+    is not."""
+    if not stated:
+        return "no message that is known stands in the text"
+    told = "; ".join(f'"{words}" (line {line}): {what}' for what, words, line in stated)
+    return f"in messages of programs these words mean: {told}"
+
+
 def verdict_without_bytes(text: str) -> LineVerdict | None:
     """Return the verdict on a text that holds no bytes; None if it is no message.
 
@@ -318,11 +342,10 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
         return None
     program, how = _program(text)
     stated = _stated(text)
-    said = f"the text says that {', that '.join(stated)}" if stated else "the text does not say what failed"
+    said = _said(stated)
     log = f"a log of {program} with its bytes: {how}" if program else f"a log with bytes: {how}"
     if readings:
-        told = "; ".join(readings[:_SHOWN]) + (f"; the text says that {', that '.join(stated)}" if stated else "")
-        return LineVerdict("not-seen", NO_WHOLE_FRAMES, told)
+        return LineVerdict("not-seen", NO_WHOLE_FRAMES, "; ".join([*readings[:_SHOWN], *([said] if stated else [])]))
     if pieces:
         what = f"{', '.join(map(shown_digits, pieces[:_SHOWN]))}; {said}{_apart(stated, text)}; to get {log}"
         text = NO_WHOLE_FRAMES if is_prose else "the bytes in the text are no frames that are read"
@@ -339,28 +362,33 @@ def verdict_of_words(text: str, codes: Collection[str]) -> LineVerdict | None:
         return None
     stated = _stated(text)
     if "nothing-wrong" in codes or "refused" in codes:
-        stated = [what for what in stated if what != _SILENT]  # the bytes show it
-    if not _CHECKSUM_FAILS.search(text):
-        stated = [what for what in stated if what != _CHECKSUM]
+        stated = [known for known in stated if known.what != _SILENT]  # the bytes show it
     floats = [] if "canopen" in text.lower() else list(floats_of(text, pieces_of(text)))[:_SHOWN]
     if floats:
         return LineVerdict("said", "the words beside the bytes are said, not seen", "; ".join(floats))
     if not stated:
         return None
     against = ""
-    if _CHECKSUM in stated and set(codes) <= {"nothing-wrong", "open", "refused"}:
+    meanings = {known.what for known in stated}
+    if _CHECKSUM in meanings and set(codes) <= {"nothing-wrong", "open", "refused"}:
         against = "; each checksum that is read fits, so that the program checks other bytes than it prints"
-    elif _LENGTH in stated and set(codes) <= {"nothing-wrong"}:
+    elif _LENGTH in meanings and set(codes) <= {"nothing-wrong"}:
         against = (
             "; the answer that is read has the length that was asked: another is meant, or the program expects more"
         )
-    evidence = f"the text says that {', that '.join(stated)}{against or _apart(stated, text)}"
+    evidence = f"{_said(stated)}{against or _apart(stated, text)}"
     return LineVerdict("said", "the words beside the bytes are said, not seen", evidence)
 
 
-def _stated(text: str) -> list[str]:
-    stated = list(dict.fromkeys(chain(_numbered(text), (what for words, what in _STATED if re.search(words, text)))))
-    return [what for what in stated if what != _CHECKSUM] if _EQUAL in stated else stated
+def _stated(text: str) -> list[_Stated]:
+    """Return what the words of a text mean in messages of programs, each meaning once, with the first words of it."""
+    found = ((re.search(words, text), what) for words, what in _STATED)
+    known = [*_numbered(text), *(_Stated.by(words, what) for words, what in found if words)]
+    by_meaning = {stated.what: stated for stated in reversed(known)}
+    failed = _CHECKSUM_FAILS.search(text)
+    if _CHECKSUM in by_meaning and (failed is None or _EQUAL in by_meaning):
+        del by_meaning[_CHECKSUM]
+    return [*reversed(by_meaning.values())]
 
 
 def _program(text: str) -> tuple[str, str]:
@@ -370,13 +398,13 @@ def _program(text: str) -> tuple[str, str]:
         return program[0], f"{program[1]}; if that is set already, {_ANY_PROGRAM}"
     if program is not None:
         return program
-    is_can = any(stated.startswith("a node ") for stated in _numbered(text))
+    is_can = any(stated.what.startswith("a node ") for stated in _numbered(text))
     return ("a program on CAN", _CANDUMP) if is_can else ("", _ANY_PROGRAM)
 
 
-def _apart(stated: list[str], text: str) -> str:
+def _apart(stated: list[_Stated], text: str) -> str:
     """Return what may be behind the most telling words, if they leave it open, and how to tell."""
-    what = stated[0] if stated else ""
+    what = stated[0].what if stated else ""
     is_can = what == _SILENT and _program(text)[1] == _CANDUMP
     causes, observation = _SILENT_ON_CAN if is_can else _TOLD_APART.get(what, ("", ""))
     return f"; that may be {causes}: {observation}" if causes else ""
@@ -396,43 +424,58 @@ def is_text(log: ModbusLog) -> bool:
     return log.form in _GENERAL_FORMS and (is_few or is_name)
 
 
-def _numbered(text: str) -> list[str]:
+def _numbered(text: str) -> list[_Stated]:
     """Return what the numbers in a message state: exceptions, abort codes, transactions."""
-    stated = []
-    numbers = {int(number, 16 if number[:2].lower() == "0x" else 10) for number in _NUMBER.findall(text)}
-    numbers |= {_NAMES[re.sub(r"[ _]", "", name).lower()] for name in _NAME.findall(text)}
-    for number in sorted(numbers & set(range(1, 12))):
-        stated.append(f"a device is reached and refuses: exception {number:02X} ({exception_name(number)})")
-    if not stated and _EXCEPTION.search(text):
-        stated.append("a device is reached and refuses with an exception")
-    aborts = {int(code, 16) for code in _ABORT.findall(text)}
+    stated: list[_Stated] = []
+    exceptions: dict[int, re.Match[str]] = {}
+    for words in chain(_NAME.finditer(text), _NUMBER.finditer(text)):
+        name = re.sub(r"[ _]", "", words.group()).lower()
+        number = _NAMES[name] if words.re is _NAME else int(words[1], 16 if words[1][:2].lower() == "0x" else 10)
+        exceptions.setdefault(number, words)
+    for number, words in sorted(exceptions.items()):
+        if number in range(1, 12):
+            by = "a gateway" if number in (10, 11) else "a device"
+            stated.append(
+                _Stated.by(words, f"{by} is reached and refuses: exception {number:02X} ({exception_name(number)})")
+            )
+    if not stated and (exception := _EXCEPTION.search(text)):
+        stated.append(_Stated.by(exception, "a device is reached and refuses with an exception"))
+    aborts = {int(words[1], 16): words for words in _ABORT.finditer(text)}
     if not aborts and "bort" in text:
-        aborts = {int(code) for words, code in _ABORT_TEXTS.items() if words in text.lower()}
+        named = ((code, re.search(f"(?i){re.escape(name)}", text)) for name, code in _ABORT_TEXTS.items())
+        aborts = {int(code): words for code, words in named if words}
     is_own = re.search(r"(?i)by (?:the )?client", text) is not None
-    for code in sorted(aborts):
+    for code, words in sorted(aborts.items()):
         by = "the client gave up" if is_own or code == AbortCode.TIMED_OUT else "a node refuses"
-        stated.append(f"{by}: abort {code:08X} ({abort_text(code)})")
-    for code in dict.fromkeys(_EMERGENCY.findall(text)):
-        stated.append(f"a node reports the emergency {code}h ({error_text(int(code, 16))})")
-    for unit in dict.fromkeys(_UNIT.findall(text)):
-        if int(unit) > _LAST_UNIT:
-            other = "a register?" if int(unit) > _LONGEST_ANSWER else "248 to 255 are reserved"
-            stated.append(f"unit {unit} is asked, which is none: 1 to 247 are; {other}")
-    for value in dict.fromkeys(_NO_VALUE.findall(text)):
-        stated.append(
-            f"{value} is {int(value) & 0xFFFF:04X}h, which many devices send for a value that they do not have"
-        )
-    for expected, got in (map(int, filter(None, numbers)) for numbers in _LENGTHS.findall(text)):
+        stated.append(_Stated.by(words, f"{by}: abort {code:08X} ({abort_text(code)})"))
+    for words in _EMERGENCY.finditer(text):
+        error = f"{words[1]}h ({error_text(int(words[1], 16))})"
+        stated.append(_Stated.by(words, f"a node reports the emergency {error}"))
+    for words in _UNIT.finditer(text):
+        if int(words[1]) > _LAST_UNIT:
+            other = "a register?" if int(words[1]) > _LONGEST_ANSWER else "248 to 255 are reserved"
+            stated.append(_Stated.by(words, f"unit {words[1]} is asked, which is none: 1 to 247 are; {other}"))
+    for words in _NO_VALUE.finditer(text):
+        marks = f"{int(words[1]) & 0xFFFF:04X}h, which many devices send for a value that they do not have"
+        stated.append(_Stated.by(words, f"{words[1]} is {marks}"))
+    for words in _LENGTHS.finditer(text):
+        expected, got = map(int, filter(None, words.groups()))
         if got == _REFUSAL < expected:
-            stated.append(f"5 bytes came where {expected} were expected: the length of a refusal")
+            stated.append(_Stated.by(words, f"5 bytes came where {expected} were expected: the length of a refusal"))
         if expected > _LONGEST_ANSWER:
-            stated.append(f"{(expected - _REFUSAL) // 2} registers are asked, and {_MOST_REGISTERS} are the most")
-    pairs = [(answer or got, request or asked) for answer, request, asked, got in _TRANSACTIONS.findall(text)]
-    if pairs and all(int(request) - int(answer) == 1 for answer, request in pairs):
-        stated.append("each answer is that of the request before, so late by one")
-    elif pairs and not any(int(request) == int(answer) for answer, request in pairs):
-        stated.append(
-            f"transaction {pairs[0][0]} answers, and {pairs[0][1]} was asked: the answer to another request, of this "
-            "client before or of another one behind the same gateway"
-        )
-    return stated
+            asked = (expected - _REFUSAL) // 2
+            stated.append(_Stated.by(words, f"{asked} registers are asked, and {_MOST_REGISTERS} are the most"))
+    return [*stated, *_transactions(text)]
+
+
+def _transactions(text: str) -> list[_Stated]:
+    """Return what the numbers of transactions state, if none answers its own request."""
+    found = [*_TRANSACTIONS.finditer(text)]
+    pairs = [(int(words[1] or words[4]), int(words[2] or words[3])) for words in found]
+    if pairs and all(asked - answer == 1 for answer, asked in pairs):
+        return [_Stated.by(found[0], "each answer is that of the request before, so late by one")]
+    if pairs and not any(asked == answer for answer, asked in pairs):
+        answer, asked = pairs[0]
+        other = "the answer to another request, of this client before or of another one behind the same gateway"
+        return [_Stated.by(found[0], f"transaction {answer} answers, and {asked} was asked: {other}")]
+    return []
