@@ -50,6 +50,7 @@ CAN_NOTATIONS: dict[str, Callable[[AnyFrame], str]] = {
 def posted(frames: list[AnyFrame], notation: str) -> str:
     """Return a text that somebody posts: a sentence, the frames in this notation, and a question.
 
+    >>> from barewire.canopen import CanFrame
     >>> posted([CanFrame.parse("705#05")], "hash").splitlines()[2]
     '705#05'
     """

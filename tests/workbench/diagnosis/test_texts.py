@@ -105,7 +105,10 @@ def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() ->
             'no other node acknowledges what is sent; "ERROR-PASSIVE" (line 1): the CAN',
         ),
         ("mcp2515: bit stuffing errors", "errors of stuffing or form"),
-        ("write: No buffer space available", "may be no other node acknowledges, or a queue that is too short"),
+        (
+            "write: No buffer space available",
+            "does not exclude it: no other node acknowledges, or a queue that is too short",
+        ),
         ("Get:06:2101:01: Data type does not match (06070010)", "abort 06070010"),
         ("abort 1a01#2: Object cannot be mapped to the PDO.", "abort 06040041"),
         (
@@ -122,7 +125,7 @@ def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() ->
         ("Result: EX_ILLEGAL_ADDRESS", "exception 02 (illegal data address)"),
         ("modbus exception 02", "exception 02 (illegal data address)"),
         ("Unexpected start address in response. Expected 262, received 5.", "no message that is known"),
-        ("MB_MASTER_SERIAL: uart parity error.", "errors of parity or framing, or a break; that may be another parity"),
+        ("MB_MASTER_SERIAL: uart parity error.", "does not exclude it: another parity"),
         ("-- Polling slave 255... Assertion `ctx->slave != -1' failed", "none: 1 to 247 are; 248 to 255 are reserved"),
         ("I receive Errno 105", "the send queue of the interface is full"),
         ("Transfer aborted by client with code 0x05040000", "the client gave up: abort 05040000"),
@@ -170,7 +173,7 @@ def test_a_float_that_is_plausible_as_it_stands_is_not_called_one_in_another_ord
     [
         ("Modbus CRC Check failed! 9021!=02", {"open"}, "each checksum that is read fits"),
         ("CRC: 5C 0A", {"nothing-wrong"}, None),
-        ("invalid checksum", {"no-frames"}, "a checksum was wrong; that may be"),
+        ("invalid checksum", {"no-frames"}, "a checksum was wrong; behind such a message"),
         ("Unexpected byte count. Expected 32, received 16", {"nothing-wrong"}, "the length that was asked"),
         ("Timeout for reading: 300.0 ms", {"nothing-wrong"}, None),
         ("send 01 03 5B 3D 00 01 06 E2", {"not-seen"}, None),

@@ -407,7 +407,8 @@ class BusDiagnosis:
         counts = self.counts
         causes = counts.verdicts()
         answered = sum(counts.asked.values()) - sum(counts.unanswered.values())
-        seen = f"{counted(counts.frames, 'frame')} of {counted(len(counts.heard), 'node')}, {answered} SDO answers"
+        ended = f"{counted(answered, 'SDO transfer')} ended"
+        seen = f"{counted(counts.frames, 'frame')} of {counted(len(counts.heard), 'node')}, {ended}"
         seen += "".join(f"; {fact}" for fact in self._facts())
         if self._silences:
             seen += f"; requests to several nodes have no answer at {counted(self._silences, 'place')}"

@@ -407,7 +407,7 @@ def _apart(stated: list[_Stated], text: str) -> str:
     what = stated[0].what if stated else ""
     is_can = what == _SILENT and _program(text)[1] == _CANDUMP
     causes, observation = _SILENT_ON_CAN if is_can else _TOLD_APART.get(what, ("", ""))
-    return f"; that may be {causes}: {observation}" if causes else ""
+    return f"; behind such a message, where the text does not exclude it: {causes}; {observation}" if causes else ""
 
 
 def is_text(log: ModbusLog) -> bool:

@@ -404,6 +404,10 @@ _DLC = re.compile(r"(?i)\b(?:dlc?|len|length|size)\W{0,4}([0-8])\b")
 _DATA = re.compile(r"(?i)\b(?:data|payload|bytes)(?:\[[\d. ]{1,6}\])?[\s:=({\[\x22]{1,4}(?=[0-9a-f])")
 _NUMBERS = re.compile(r"[\s:=,({\[]*((?:(?:0[xX])?[0-9A-Fa-f]{1,3}\b[\s,;-]{0,3}){1,8}|(?:[0-9A-Fa-f]{2}){1,8}\b)")
 _BARE_NOTE = re.compile(rf"(?P<id>[0-9A-Fa-f]{{3}})(?:#|\s+){_PAIRS}")
+_TIMED_NOTE = re.compile(
+    rf"\s*\d{{1,10}}\.\d{{1,9}}\s+(?=.*[A-Fa-f]|(?:\S+\s+){{8}}\S+\s*$)(?P<id>[0-7][0-9A-Fa-f]{{2}})\s+{_PAIRS}\s*"
+)
+"""A time, an identifier and its bytes, which are no decimal numbers: one has a letter, or there are eight."""
 _COLONED_NOTE = re.compile(rf".*\b0[xX](?P<id>[0-9A-Fa-f]{{3}}):\s*{_PAIRS}")
 _LEAST_ID = 0x80
 """A lower number may be that of a unit or a node."""
@@ -414,6 +418,8 @@ def is_can_notes(text: str) -> bool:
     """Return whether a frame is in one of the lines, with its length or words that tell, or each line is a bare frame.
 
     >>> is_can_notes("182#4007\\n202#0600"), is_can_notes("01 03 00 00 00 0A C5 CD")
+    (True, False)
+    >>> is_can_notes("my log\\n12.5 58C 43 02 65 00"), is_can_notes("12.5 100 3 17 4")
     (True, False)
     """
     lines = [line.strip() for line in text.splitlines()[:_NOTES_MAX] if line.strip()]
@@ -452,6 +458,7 @@ def _noted_frames(lines: Iterable[str]) -> Iterator[tuple[int, str, str]]:
         frame_match = _HASHED.search(line) if "#" in line else None
         if frame_match is None and (columns := _COLUMNS.search(line)) is not None:
             frame_match = columns if 2 * int(columns["length"]) == len(_joined(columns["data"])) else None
+        frame_match = frame_match or _TIMED_NOTE.fullmatch(line)
         frame = "" if frame_match is None else _frame_text(frame_match["id"], _joined(frame_match["data"]))
         named = _ID.search(title + line) if not frame else None
         title = ""
