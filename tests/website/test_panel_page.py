@@ -64,7 +64,7 @@ def test_a_value_is_written_by_keyboard_after_its_frame_was_shown_and_both_brows
 
 def test_a_frame_is_explained_on_click(browser: Browser, url: str) -> None:
     page = opened(browser, url)
-    page.get_by_role("button", name="Hold").click()
+    page.get_by_role("button", name="Hold", exact=True).click()
     page.locator("#frames button").first.click()
     expect(page.locator("#explained")).to_contain_text("unit 1", timeout=LOADED)
     assert page.locator("#explained tr").count() >= 3
@@ -259,7 +259,7 @@ def test_nothing_serious_is_found_in_ramp_faults_diagnosis_and_the_frames_of_a_w
         world.get_by_label("exception: percent of the responses").fill("100")
         world.get_by_role("switch", name="exception").press("Space")
         expect(page.locator("#diagnosis li").first).to_be_visible(timeout=LOADED)
-        page.get_by_role("button", name="Hold").click()
+        page.get_by_role("button", name="Hold", exact=True).click()
         page.locator("#frames button").last.click()
         expect(page.locator("#explained table")).to_be_visible(timeout=LOADED)
         check("faults and their diagnosis")

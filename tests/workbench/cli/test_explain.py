@@ -149,7 +149,7 @@ def test_a_damaged_frame_has_its_diagnosis_as_text_and_as_json() -> None:
 
 def test_a_response_is_compared_with_its_request() -> None:
     request = ("--request", "01 03 00 04 00 02 85 CA")
-    assert "unit 2 answers, and unit 1 was asked [wrong-answer]" in output_of(
+    assert "to 03 Read Holding Registers, and unit 1 was asked [wrong-answer]" in output_of(
         "explain", "rtu", "02 83 02 30 F1", *request
     )
     floats = output_of("explain", "rtu", "01 03 04 00 00 42 48 CA A5", *request, "--floats", "f32")
