@@ -185,7 +185,9 @@ def _enveloped(
 
 RTU: dict[str, Habit] = {
     "in frames of Solarman V5": Habit(frozenset({"nothing-wrong"}), played(_enveloped())),
-    "another logger of Solarman V5": Habit(frozenset({"wrong-answer"}), played(_enveloped(answering=1, inner=b"\6\0"))),
+    "another logger of Solarman V5": Habit(
+        frozenset({"wrong-answer", *SILENT}), played(_enveloped(answering=1, inner=b"\6\0"))
+    ),
     "a logger without RTU": Habit(frozenset({"wrong-answer", *SILENT}), played(_enveloped(inner=b"\5\0"))),
     "the first byte behind the others": Habit(
         frozenset({"late-answer"}), played(answer(lambda _, __, data: data[1:] + data[:1])), reads=True

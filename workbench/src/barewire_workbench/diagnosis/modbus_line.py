@@ -40,6 +40,7 @@ from barewire_workbench.diagnosis.modbus_responses import (
     compared,
     content,
     long_exception,
+    turned,
     unused_bits,
 )
 from barewire_workbench.diagnosis.verdict import (
@@ -310,7 +311,7 @@ class LineDiagnosis:
                     counts.kinds[finding.code] += 1
                     yield Located(unit, finding, noise.end, noise.line)
                     return
-        findings = self._examiner.findings(noise.data, role, good=counts.frames >= PROVES)
+        findings = turned(noise.data) or self._examiner.findings(noise.data, role, good=counts.frames >= PROVES)
         if unit and findings and findings[0].code in WEAK and not begins:
             findings = []  # what is no answer to this request may look like the beginning of any
         refused = asked.adu.pdu[0] if unit and asked is not None and asked.adu is not None else 0

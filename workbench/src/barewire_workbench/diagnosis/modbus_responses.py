@@ -221,8 +221,6 @@ class Overlap:
 
 def compared(data: bytes, seen: Iterable[Piece]) -> list[Finding]:
     """Return in what bytes that are no frame differ from the pieces of `seen`: bytes in front, or one too many."""
-    if (turned := _turned(data)) is not None:
-        return [turned]
     for other in seen:
         if other.adu is None and frame_pdu("rtu", other.data + data) is not None:
             text = f"the rest of the frame that begins in line {other.line}: the reader ended it too early"
@@ -240,17 +238,17 @@ def compared(data: bytes, seen: Iterable[Piece]) -> list[Finding]:
     return []
 
 
-def _turned(data: bytes) -> Finding | None:
+def turned(data: bytes) -> list[Finding]:
     """Return the finding on bytes that are a frame whose first bytes stand at the end: each read goes one too far, and
-    lacks what the one before took."""
+    lacks what the one before took. It is proved by all bytes, so that it is tried before a byte that may be missing."""
     for size in range(1, min(STRAY, len(data) - SHORTEST) + 1):
         whole = data[-size:] + data[:-size]
         if measure_response(whole[1:]) == len(whole) - 3 and crc16(whole) == 0:
             last = f"the last {counted(size)} read," if size > 1 else "the last byte read,"
             text = f"{last} {shown_digits(data[-size:])}, belongs before the others: the reader is out of step"
             summary = explain_pdu(whole[1:-2], "response").summary
-            return Finding("late-answer", text, f"{shown_digits(whole)} is a good frame: unit {whole[0]}, {summary}")
-    return None
+            return [Finding("late-answer", text, f"{shown_digits(whole)} is a good frame: unit {whole[0]}, {summary}")]
+    return []
 
 
 def content(data: bytes) -> str:
