@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import os
 import signal
 import subprocess
@@ -51,8 +52,11 @@ def run_here(
 ) -> subprocess.CompletedProcess[str]:
     """Run a command in this process. With `one_stream`, stderr is in the output."""
     out, err = (TextIOWrapper(BytesIO(), encoding="utf-8", write_through=True) for _ in range(2))
+    log = logging.getLogger("barewire")
+    level = log.level
     with redirect_stdout(out), redirect_stderr(out if one_stream else err), patch.dict(os.environ, environment):
         status = run_command_line([*arguments])
+    log.setLevel(level)  # -v lowers it for the process
     out.seek(0)
     err.seek(0)
     return subprocess.CompletedProcess(arguments, status, out.read(), err.read())
