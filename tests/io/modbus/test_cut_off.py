@@ -14,6 +14,7 @@ from barewire import AsyncModbusClient, ModbusClient, ModbusServer
 from barewire.errors import NoAnswer, PortError
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import Diagnostics, Unanswered
+from tests.helpers import until
 from tests.io.peers import full
 from tests.io.schemes import SERIAL
 
@@ -82,17 +83,24 @@ def test_a_line_that_is_unplugged_in_the_middle_of_an_exchange(wire: str, answer
 
 @pytest.mark.parametrize("wire", ["rtu://pty?baudrate=115200", "ascii://pty?baudrate=115200", "rtu+tcp://127.0.0.1:0"])
 def test_force_listen_only_and_restart_with_both_clients(wire: str) -> None:
+    """Each request waits until the server has had the one before: a server that is late drops a request behind which
+    the next has come."""
+
     async def main(url: str) -> None:
         async with AsyncModbusClient(url) as client:
             assert await client.diagnostics(0x04) == b""
+            until(lambda: host.statistics.requests == 4)
             assert await client.ask(Diagnostics(0x01)) == Unanswered(0x01)
+            until(lambda: host.statistics.requests == 5)
             assert await client.at(timeout=30.0).read_holding_registers(8, 1) == (8,)
 
     with ModbusServer(wire, units=full()) as host:
         url = f"{host.url}{'&' if '?' in host.url else '?'}timeout=0.1&late_window=0.1"
         with ModbusClient(url) as client:
             assert client.diagnostics(0x04) == b""
+            until(lambda: host.statistics.requests == 1)
             assert client.ask(Diagnostics(0x01)) == Unanswered(0x01)
+            until(lambda: host.statistics.requests == 2)
             assert client.at(timeout=30.0).read_holding_registers(7, 1) == (7,)
         asyncio.run(main(url))
 
