@@ -71,6 +71,7 @@ def test_words_of_the_field_and_of_a_failure_are_a_message(text: str, states: st
         '{"modbus": {"timeout": 5000}} and it fails',
         "the meter fails: it wants RTU frames over TCP, without CRC it never works with Modbus",
         "the slave does not check the checksum of Modbus and gets stuck",
+        "pymodbus: Changing transaction state from 'SENDING' to 'WAITING FOR REPLY', then it fails",
     ],
 )
 def test_settings_code_and_what_people_write_are_no_messages(text: str) -> None:

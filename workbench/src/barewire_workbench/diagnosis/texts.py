@@ -207,7 +207,7 @@ _STATED: tuple[tuple[str, str], ...] = (
     (
         r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|(?<![\w.])time[ds]?[-_ ]?out(?!\w|\.\w|\W{0,2}[=:(]\W*\d)|"
         rf"{_result_code('E[24]')}|"
-        r"(?:not|n't) (?:receive|respond|answer|get(?! (?:\w+ ){1,3}work))|no communication|offline|waiting for",
+        r"(?:not|n't) (?:receive|respond|answer|get(?! (?:\w+ ){1,3}work))|no communication|offline",
         _SILENT,
     ),
 )
@@ -371,7 +371,9 @@ def verdict_of_words(text: str, codes: Collection[str]) -> LineVerdict | None:
     against = ""
     meanings = {known.what for known in stated}
     if _CHECKSUM in meanings and set(codes) <= {"nothing-wrong", "open", "refused"}:
-        against = "; each checksum that is read fits, so that the program checks other bytes than it prints"
+        against = (
+            "; each checksum that is read fits: the program checks other bytes than it prints, or checks them wrongly"
+        )
     elif _LENGTH in meanings and set(codes) <= {"nothing-wrong"}:
         against = (
             "; the answer that is read has the length that was asked: another is meant, or the program expects more"
