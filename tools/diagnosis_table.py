@@ -289,9 +289,10 @@ them as searches gave them, and wrote down causes and what an expert says; two o
 be missing, and of two verdicts the worse one. Many texts are excerpts. The goal was missed by far, and by more than in
 the sets before, of which a part was judged by the first rule.
 
-Of the wrong ones 22 are wrong for one sentence about words: "the text says that no answer came in time" where a setting
-or a person is meant, or "the text does not say what failed" where it does. Then come causes that the text excludes,
-silence where one side is logged, frames that a program prints without CRC, pieces that are not joined, and counts.
+Of the wrong ones 31 are wrong for a sentence about words: "the text says that no answer came in time" (a checksum, a
+refusal) where a setting or a person is meant, or "the text does not say what failed" where it does.
+Then come causes that the text excludes, silence where one side is logged, frames that a program prints without CRC,
+pieces that are not joined, and counts.
 After the judgement the words are shown with their line, and what they mean in messages of programs; settings, code and
 sentences of people are no messages; causes hold where the text does not exclude them; rows of CAN with a time are read.
 """
