@@ -6,6 +6,7 @@ The functions with `assert_type` are checked by `mypy --strict`; pytest runs the
 from __future__ import annotations
 
 import asyncio
+import inspect
 import subprocess
 import sys
 from pathlib import Path
@@ -171,7 +172,7 @@ def test_both_clients_have_the_same_methods() -> None:
 
 def test_both_asyncio_clients_are_connected_by_open() -> None:
     for client in (barewire.AsyncModbusClient, barewire.AsyncCanopenClient):
-        assert asyncio.iscoroutinefunction(client.open)
+        assert inspect.iscoroutinefunction(client.open)
         assert not hasattr(client, "connect")
 
 
