@@ -643,7 +643,8 @@ class BusDiagnosis:
 def _meaning(code: int | None) -> str:
     """Return an abort code with its text; a maker has codes of its own."""
     number = code or 0
-    return f"{number:08X}h ({abort_text(number)[11:] if number in set(AbortCode) else 'a code of the maker'})"
+    text = next((known.text for known in AbortCode if known == number), "a code of the maker")
+    return f"{number:08X}h ({text})"
 
 
 def _is_segment(frame: CanFrame) -> bool:

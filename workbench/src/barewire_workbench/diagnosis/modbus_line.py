@@ -33,6 +33,7 @@ from barewire_workbench.diagnosis.modbus_counts import LineCounts
 from barewire_workbench.diagnosis.modbus_pieces import WEAK, Examiner, Piece
 from barewire_workbench.diagnosis.modbus_responses import (
     KEPT,
+    READS,
     STRAY,
     OpenRequests,
     Overlap,
@@ -91,7 +92,6 @@ _EXCEPTION = 5
 """Bytes of an exception on a serial line."""
 _FEW = 16
 """Different refusals that are told apart by what was asked."""
-_READS = frozenset({0x01, 0x02, 0x03, 0x04})
 _DIAGNOSTICS, _LISTEN_ONLY = 0x08, b"\x00\x04"
 
 
@@ -374,7 +374,7 @@ class LineDiagnosis:
             case RequestSeen():
                 self._note_foreign(event)
                 if event.unit == BROADCAST and event.transaction is None:
-                    self._to_all = event if event.pdu[0] in _READS and event.message is not None else None
+                    self._to_all = event if event.pdu[0] in READS and event.message is not None else None
                     yield from self._refusal(event)  # of a device that answers as unit 0
                 if event.unit != BROADCAST:
                     self.counts.unit(event.unit).requests += 1
@@ -568,7 +568,7 @@ class LineDiagnosis:
                 self._numbered += [(_table_of(request.pdu), self._located(event, finding)) for finding in found]
         elif not exception:
             self._served.add((event.unit, _table_of(request.pdu)))
-        if event.pdu[0] in _READS and event.pdu[2:] in _NO_VALUES:
+        if event.pdu[0] in READS and event.pdu[2:] in _NO_VALUES:
             self.counts.no_value[event.pdu[2:].hex().upper() + "h"] += 1
         self._refusals.take(request.unit, request.pdu, refused=bool(exception))
         if (unused := unused_bits(request.pdu, event.pdu)) is not None:

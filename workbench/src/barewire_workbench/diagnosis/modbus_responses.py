@@ -40,7 +40,8 @@ SHORTEST = 4
 """Bytes of the shortest frame of RTU."""
 KEPT = 64
 """Requests and damaged responses that are remembered."""
-_READS = frozenset({1, 2, 3, 4})
+READS = frozenset({1, 2, 3, 4})
+"""Functions that read values: bits or registers."""
 _JUST_BEFORE = 3
 """A response with the transaction of a request so many before belongs to that one, or has a wrong number."""
 _SHOWN = 32
@@ -154,7 +155,7 @@ class Refusals:
                 elif other == unit and same_place and not same_function:
                     functions = f"function {asked[0]:02X} at {place}, and serves function {served[0]:02X} there"
                     yield f"unit {unit} refuses {functions}"
-                elif other == unit and same_place and asked[0] in _READS and served[3:] < asked[3:]:
+                elif other == unit and same_place and asked[0] in READS and served[3:] < asked[3:]:
                     counts = f"{_count(asked)} from {place}, and serves {_count(served)} from there"
                     yield f"unit {unit} refuses {counts}: the others may be past its end"
 

@@ -340,18 +340,18 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
     is_prose = 0 < max(map(len, pieces), default=0) < _REQUEST and _PROSE.search(text) is not None
     if "\0" in text or not (is_message or readings or is_prose):
         return None
-    program, how = _program(text)
     stated = _stated(text)
+    program, how = _program(text, stated)
     said = _said(stated)
     log = f"a log of {program} with its bytes: {how}" if program else f"a log with bytes: {how}"
     if readings:
         return LineVerdict("not-seen", NO_WHOLE_FRAMES, "; ".join([*readings[:_SHOWN], *([said] if stated else [])]))
     if pieces:
-        what = f"{', '.join(map(shown_digits, pieces[:_SHOWN]))}; {said}{_apart(stated, text)}; to get {log}"
+        what = f"{', '.join(map(shown_digits, pieces[:_SHOWN]))}; {said}{_apart(stated, how)}; to get {log}"
         text = NO_WHOLE_FRAMES if is_prose else "the bytes in the text are no frames that are read"
         return LineVerdict("not-seen", text, what)
     return LineVerdict(
-        "no-bytes", "there are no bytes, so that no cause is proved", f"{said}{_apart(stated, text)}; to get {log}"
+        "no-bytes", "there are no bytes, so that no cause is proved", f"{said}{_apart(stated, how)}; to get {log}"
     )
 
 
@@ -378,7 +378,7 @@ def verdict_of_words(text: str, codes: Collection[str]) -> LineVerdict | None:
         against = (
             "; the answer that is read has the length that was asked: another is meant, or the program expects more"
         )
-    evidence = f"{_said(stated)}{against or _apart(stated, text)}"
+    evidence = f"{_said(stated)}{against or _apart(stated, _program(text, stated)[1])}"
     return LineVerdict("said", "the words beside the bytes are said, not seen", evidence)
 
 
@@ -393,21 +393,22 @@ def _stated(text: str) -> list[_Stated]:
     return [*reversed(by_meaning.values())]
 
 
-def _program(text: str) -> tuple[str, str]:
+def _program(text: str, stated: Collection[_Stated]) -> tuple[str, str]:
     """Return the program that wrote a text, and how it logs its bytes; an empty name if no word tells."""
     program = next(((name, how) for name, words, how in _PROGRAMS if re.search(words, text, re.MULTILINE)), None)
     if program is not None and program[1] != _CANDUMP and _IS_DEBUG.search(text):
         return program[0], f"{program[1]}; if that is set already, {_ANY_PROGRAM}"
     if program is not None:
         return program
-    is_can = any(stated.what.startswith("a node ") for stated in _numbered(text))
+    is_can = any(known.what.startswith("a node ") for known in stated)
     return ("a program on CAN", _CANDUMP) if is_can else ("", _ANY_PROGRAM)
 
 
-def _apart(stated: list[_Stated], text: str) -> str:
-    """Return what may be behind the most telling words, if they leave it open, and how to tell."""
+def _apart(stated: list[_Stated], how: str) -> str:
+    """Return what may be behind the most telling words, if they leave it open, and how to tell. `how` is the way to
+    get the bytes of the program."""
     what = stated[0].what if stated else ""
-    is_can = what == _SILENT and _program(text)[1] == _CANDUMP
+    is_can = what == _SILENT and how == _CANDUMP
     causes, observation = _SILENT_ON_CAN if is_can else _TOLD_APART.get(what, ("", ""))
     return f"; behind such a message, where the text does not exclude it: {causes}; {observation}" if causes else ""
 
