@@ -36,6 +36,18 @@ def test_a_file_is_read_as_it_was_written(
     assert list(again.settings) == list(settings)
 
 
+def test_a_cut_file_is_refused_wherever_it_was_cut() -> None:
+    limits = {name: SavedValue(2.5, "A", "holding 4") for name in ("Limit", "Low Limit")}
+    text = SavedSettings("mine", "tcp://x", identity={"a": "b"}, settings=limits, communication=limits).text()
+    for size in range(len(text.rstrip())):
+        with pytest.raises(BadFile):
+            SavedSettings.parse(text[:size].encode(), "file")
+    with pytest.raises(BadFile, match=r"^file: cut: expected the line `# end`"):
+        SavedSettings.parse("".join(text.splitlines(keepends=True)[:-2]).encode(), "file")
+    added = SavedSettings.parse((text + '"More" = { value = 1 }\n').encode(), "file")
+    assert list(added.communication) == [*limits, "More"]
+
+
 GOOD = SavedSettings("mine", settings={"Limit": SavedValue(2.5, "A", "holding 4")}).text()
 
 

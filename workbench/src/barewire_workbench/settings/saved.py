@@ -11,6 +11,7 @@
 
     [communication]                        how the device is reached: restored on demand only
     [not_read]                             name = why
+    # end
 
 The order is that of restoring, so two files can be compared line by line. `value` is in the unit; `unit` is checked
 when the file is restored; `address` is for people.
@@ -32,6 +33,9 @@ from barewire.devices.parameter import Parameter, show
 from barewire.errors import BarewireError, EncodeError, shown
 
 FORMAT = 1
+_HEAD = "# Settings of a device, by `barewire save`, down to `# end`. To write them: barewire restore FILE ENDPOINT"
+_END = "# end"
+"""A file that was cut behind a line is TOML too, of fewer settings. A file that people write needs neither comment."""
 _KINDS = (bool, int, float, str)
 
 
@@ -91,18 +95,19 @@ class SavedSettings:
         """Return the file.
 
         >>> print(SavedSettings("mine", settings={"Limit": SavedValue(2.5, "A", "holding 4")}).text())
-        # The settings of a device, by `barewire save`. To write them to one: barewire restore FILE ENDPOINT
+        # Settings of a device, by `barewire save`, down to `# end`. To write them: barewire restore FILE ENDPOINT
         format = 1
         device = "mine"
         <BLANKLINE>
         [settings]
         "Limit" = { value = 2.5, unit = "A", address = "holding 4" }
+        # end
         <BLANKLINE>
         """
         return "\n".join(self._lines()) + "\n"
 
     def _lines(self) -> Iterator[str]:
-        yield "# The settings of a device, by `barewire save`. To write them to one: barewire restore FILE ENDPOINT"
+        yield _HEAD
         yield f"format = {FORMAT}"
         for key in ("device", "title", "source"):
             if text := getattr(self, key):
@@ -116,6 +121,7 @@ class SavedSettings:
             if texts:
                 yield from ("", f"[{title}]")
                 yield from (f"{_toml(name)} = {_toml(text)}" for name, text in texts.items())
+        yield _END
 
     @staticmethod
     def _values(title: str, values: Mapping[str, SavedValue]) -> Iterator[str]:
@@ -135,7 +141,14 @@ class SavedSettings:
     def parse(cls, data: bytes, name: str) -> SavedSettings:
         """Return the settings in the bytes of a file. Raises BadFile with what was expected."""
         try:
-            return cls._of_table(tomllib.loads(data.decode("utf-8-sig")), name)
+            text = data.decode("utf-8-sig")
+            table = tomllib.loads(text)
+            lines = {line.strip() for line in text.splitlines()}
+            if _HEAD in lines and _END not in lines:
+                raise BadFile(
+                    f"{name}: cut: expected the line `{_END}` behind the last value. Add it if none is missing"
+                )
+            return cls._of_table(table, name)
         except BadFile:
             raise
         except RecursionError:
