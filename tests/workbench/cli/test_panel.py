@@ -475,6 +475,16 @@ def test_a_plan_shows_the_frames_and_sends_nothing() -> None:
     asyncio.run(main())
 
 
+def test_what_is_no_menu_is_not_read_on_demand() -> None:
+    async def main() -> None:
+        async with panel("rtu:///dev/none") as (server, line):
+            status, answer = await written(server, "", "/read")
+            assert (status, answer["problem"]) == (400, f"{SETTING}: expected a menu, and there is none")
+            assert line._machine is None
+
+    asyncio.run(main())
+
+
 def test_the_frames_of_a_plan_are_those_that_a_write_sends() -> None:
     device, sent = load("csd-mt"), []
     with (

@@ -253,7 +253,8 @@ class PanelServer:
         try:
             name, _ = _named_text(request)
             if name not in self.line.menus:
-                raise BarewireError(f"{name}: expected one of {', '.join(self.line.menus)}")
+                known = ", ".join(self.line.menus)
+                raise BarewireError(f"{name}: expected {f'one of {known}' if known else 'a menu, and there is none'}")
             result = await asyncio.wrap_future(self.line.write(name, None))
         except BarewireError as error:
             return _problem(str(error), 400)
