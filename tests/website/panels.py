@@ -19,7 +19,7 @@ from barewire_workbench.cli.panels.server import PanelServer
 from barewire_workbench.cli.panels.world import SimulatedWorld
 from barewire_workbench.cli.simulate import machine_server
 
-LOADED = 60_000
+LOADED = 240_000
 """The longest time in milliseconds, on a machine that does much else."""
 
 

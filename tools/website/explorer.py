@@ -4,7 +4,7 @@
     docs/explorer/*.html, .css, .js    as they are; index.html with the example already explained
     docs/explorer/bridge/              in package.zip, with the rooms of both packages that need no ports
     pyodide/                           CPython as WebAssembly (tools/get-pyodide)
-    manifest.json                      what the page loads, and how many bytes that is
+    manifest.json                      what the page loads, how many bytes that is, and a digest of the package
 
 The page needs a server, because browsers load no modules from files: `python3 -m http.server --directory build/site`.
 """
@@ -49,10 +49,12 @@ def build(target: Path = TARGET) -> None:
     for name in PYODIDE:
         shutil.copyfile(pyodide / name, target / "pyodide" / name)
     sizes = [(target / "pyodide" / name).stat().st_size for name in _COUNTED]
+    package = (target / "package.zip").read_bytes()
     manifest = {
         "version": __version__,
         "package": "package.zip",
-        "bytes": sum(sizes) + (target / "package.zip").stat().st_size,
+        "bytes": sum(sizes) + len(package),
+        "digest": hashlib.sha256(package).hexdigest()[:16],
     }
     (target / "manifest.json").write_text(json.dumps(manifest) + "\n", encoding="utf-8")
     (target / "sw.js").write_text(service_worker(target), encoding="utf-8")
