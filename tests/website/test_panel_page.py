@@ -5,6 +5,7 @@ The page is checked by axe-core at the widths of a phone and of a desk, light an
 
 from __future__ import annotations
 
+import re
 import time
 from collections.abc import Iterator
 from pathlib import Path
@@ -140,7 +141,9 @@ def test_the_ramp_of_a_soft_starter_is_set_started_drawn_and_stopped(browser: Br
         page.get_by_role("button", name="Send it").click()
         expect(value).to_have_text("120 s", timeout=LOADED)
         page.keyboard.press("Escape")
-        for button, status in (("Start", "Acceleration ramp"), ("Stop", "Deceleration ramp")):
+        # The ramp down takes five seconds: on a busy computer the page may see only what comes after it.
+        stopping = re.compile("Deceleration ramp|Freewheel|Starter ready")
+        for button, status in (("Start", "Acceleration ramp"), ("Stop", stopping)):
             ramp.get_by_role("button", name=button).click()
             expect(confirmation.locator(".frame")).to_contain_text("Write Single Register", timeout=LOADED)
             page.get_by_role("button", name="Send it").click()
