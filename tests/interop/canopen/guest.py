@@ -61,7 +61,7 @@ class Done(NamedTuple):
 
 
 @contextmanager
-def in_guest(command: Sequence[str], environment: Mapping[str, str], *, timeout: float = 300) -> Iterator[Done]:
+def in_guest(command: Sequence[str], environment: Mapping[str, str], *, timeout: float = 540) -> Iterator[Done]:
     """Run a command in a guest, in the root of the repository; the files it left in /run/job are in `job`."""
     job = Path(tempfile.mkdtemp(prefix="barewire-guest-"))
     try:
