@@ -176,7 +176,7 @@ MAY_BE_INDIFFERENT = {
     ("tls-role", "extensions"),  # those of other purposes
     ("gateway", "bytes"),  # what is discarded in any case
     *[
-        (kind, "one_of") for kind in ("server", "device", "drive-path", "gateway-309-3", "eds", "client")
+        (kind, "one_of") for kind in ("server", "device", "drive-path", "gateway-309-3", "eds", "client", "sdo-talk")
     ],  # the answers of others
     ("server", "ask"),  # many requests are refused in the same way
     ("server", "raw"),  # other bytes are not a frame either

@@ -83,6 +83,14 @@ def noise_of(line: Line, data: bytes) -> list[str]:
     return noise
 
 
+@every_case("case", [case for kind, case in CASES if kind == "sdo-talk"])
+def test_what_may_be_said_in_several_ways_is_not_heard(case: Case) -> None:
+    """The side that hears it would be asked with a choice in place of bytes."""
+    several = {side.partition(" ")[0] for side, data in case["talk"] if isinstance(data, dict)}
+    assert several <= {"client", "server"} - {case.get("broken")}
+    assert not several or "broken" in case
+
+
 @every_case("case", of("rtu-talk", "valid"))
 def test_a_valid_talk_holds_for_a_receiver_of_silence_and_crc(case: Case) -> None:
     setup = case["line"]

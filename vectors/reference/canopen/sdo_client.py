@@ -25,8 +25,13 @@ def size_in(line, bit):
 
 def answer_to(place, says):
     """Say lines, and return the answer about this object; one about another object is late, or another client's."""
+    return heard((yield from about(place, says)))
+
+
+def about(place, says):
+    """Say lines, and return the line about this object, which may be an abort."""
     line = yield says
-    while heard(line)[1:4] != place:
+    while line is not None and line[1:4] != place:
         line = yield []
     return line
 
@@ -65,8 +70,8 @@ def download(given):
 
 def first_answer(place, line):
     """Say the first line of a block transfer, and return the answer; that there are no block transfers is one too."""
-    answer = yield [line]
-    return answer if refused(answer) or heard(answer)[1:4] == place else (yield from answer_to(place, []))
+    answer = yield from about(place, [line])
+    return answer if refused(answer) else heard(answer)
 
 
 def refused(answer):

@@ -20,6 +20,8 @@ from sdo_client import size_in
 from texts import hexed, octets
 
 OBJECT = b"\x00\x21\x00"
+BEGINS = {1: 0, 2: 0, 5: 3, 6: 1}
+"""The services that begin a transfer, the upper three bits of a command, and the bits that others of them have."""
 
 
 class Server:
@@ -43,6 +45,8 @@ class Server:
     def transfer(self, line):
         """Serve one transfer from its first line on; return the last lines to say."""
         command, self.place = heard(line)[0], line[1:4]
+        if command >> 5 not in BEGINS or command & BEGINS[command >> 5]:
+            raise Abort(COMMAND)
         if self.place != OBJECT:
             raise Abort(NO_OBJECT)
         if command >> 5 == 1:

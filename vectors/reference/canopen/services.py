@@ -54,7 +54,9 @@ def decode_nmt(given):
 def encode_state(given):
     """node, state, toggle -> cob_id, data"""
     within(given["node"], 1, 127)
-    return sent(0x700 + given["node"], [given["toggle"] << 7 | int(given["state"], 16)])
+    state = int(given["state"], 16)
+    within(state, 0, 127)
+    return sent(0x700 + given["node"], [given["toggle"] << 7 | state])
 
 
 def decode_state(given):
@@ -70,6 +72,8 @@ def decode_state(given):
 
 def encode_consumer(given):
     """node, milliseconds -> value, bytes"""
+    if given["node"] > 127 or given["milliseconds"] > 65535:
+        raise Refused("value")
     value = given["node"] << 16 | given["milliseconds"]
     return {"value": str(value), "bytes": hexed(value.to_bytes(4, "little"))}
 

@@ -35,6 +35,8 @@ export class SdoClient {
     if (this.ends !== 'running') return [];
     if (frame[0] === 0x80) {
       const code = fromLittle(frame.slice(4));
+      // Before the first answer an abort of another object is that of an earlier transfer. Some servers name none.
+      if (this.begins() && !this.answers(frame) && frame.slice(1, 4).join() !== '0,0,0') return [];
       if (code === 0x05040001 && (this.state === this.blockUploadBegins || this.state === this.blockDownloadBegins)) {
         this.block = undefined; // a server without blocks: in segments, then
         return this.start();
@@ -58,6 +60,10 @@ export class SdoClient {
     this.arrived = value;
     this.ends = 'done';
     return [];
+  }
+
+  begins() {
+    return [this.uploadBegins, this.downloadBegins, this.blockUploadBegins, this.blockDownloadBegins].includes(this.state);
   }
 
   answers(frame) {

@@ -193,11 +193,14 @@ def _side(do: str, case: Case) -> Case:
     fields |= {"talk": steps}
     if downloads is (do == "client"):
         fields |= {"value": case["value"]}  # the side that has the value
+    # `never` is a wrong value, or a wrong end: "done", or the abort of another object.
+    never = case.get("never")
+    is_end = never == "done" or isinstance(never, dict)
     if case["ends"] == "done" and "value" not in fields:
-        fields["arrived"] = _but_never(case["value"], case)
+        fields["arrived"] = case["value"] if is_end else _but_never(case["value"], case)
     if do == "client":
         ends = case["ends"] if case["ends"] == "done" else {"abort": case["ends"]["abort"]}
-        fields["ends"] = _but_never(ends, case) if case.get("never") == "done" else ends
+        fields["ends"] = _but_never(ends, case) if is_end else ends
     return fields
 
 

@@ -19,7 +19,7 @@ from barewire.canopen.pdo.multiplexed import Mpdo
 from barewire.canopen.sync import SyncMessage
 from barewire.canopen.time_stamp import TimeStamp
 from barewire.codecs import codec
-from barewire.errors import DecodeError
+from barewire.errors import DecodeError, EncodeError
 from barewire_workbench.recordings.can_texts import read_asc, read_conformance_log
 from barewire_workbench.recordings.candump import log_line, read_candump
 from barewire_workbench.recordings.modbus_log.octets import parse_log
@@ -111,7 +111,10 @@ def _decode_state(given: Fields) -> Fields:
 
 def _encode_consumer(given: Fields) -> Fields:
     """Return one entry of 1016h."""
-    entry = 0 if given["node"] is None else given["node"] << 16 | given["milliseconds"]
+    node, milliseconds = given["node"], given["milliseconds"]
+    if not (1 <= node <= 127 and 1 <= milliseconds <= 0xFFFF):
+        raise EncodeError(f"node {node}, {milliseconds} ms: expected 1..127, 1..65535 ms")
+    entry = node << 16 | milliseconds
     return {"value": str(entry), "bytes": hexed(codec("u32", "DCBA").encode(entry))}
 
 
