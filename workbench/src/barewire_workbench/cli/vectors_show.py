@@ -173,8 +173,10 @@ def _sdo_talk(case: Case) -> Iterator[FrameOfCase]:
     bus = _Bus()
     sides = {"client": cob_id("SDO request", case["node"]), "server": cob_id("SDO answer", case["node"])}
     for place, data in case["talk"]:
-        frame = CanFrame(sides[place.partition(" ")[0]], bytes.fromhex(data))
-        yield FrameOfCase(place, bus.explained(frame, is_lost=place.endswith("lost")))
+        first, *others = data["one_of"] if isinstance(data, dict) else [data]
+        frame = CanFrame(sides[place.partition(" ")[0]], bytes.fromhex(first))
+        note = f", or {' or '.join(others)}" if others else ""
+        yield FrameOfCase(f"{place}{note}", bus.explained(frame, is_lost=place.endswith("lost")))
 
 
 def _device_steps(case: Case) -> Iterator[FrameOfCase]:
