@@ -147,7 +147,7 @@ def test_a_live_line_is_diagnosed_until_ctrl_c() -> None:
 def test_a_silent_line_is_no_good_one() -> None:
     terminal = PseudoTerminal()
     done = run_here("diagnose", f"rtu://{terminal.path}?parity=N", "--seconds", "0.2")
-    assert (done.stdout, done.returncode) == ("verdict: nothing was received [nothing-heard]: no byte\n", 1)
+    assert (done.stdout, done.returncode) == ("verdict: undecided: nothing was received [nothing-heard]: no byte\n", 1)
     terminal.close()
 
 
@@ -192,7 +192,9 @@ def test_a_text_without_bytes_ends_with_its_verdict_and_status_1(tmp_path: Path)
     text.write_text("pymodbus.exceptions.ConnectionException: Modbus Error: [Connection] Failed to connect\n")
     done = run_here("diagnose", str(text))
     assert done.returncode == 1
-    assert done.stdout.startswith("verdict: there are no bytes, so that no cause is proved [no-bytes]: ")
+    assert done.stdout.startswith(
+        "verdict: undecided: no frame is read in this text, so that no cause is proved [no-bytes]: "
+    )
 
 
 def test_bytes_between_words_are_read_and_it_is_said_why(tmp_path: Path) -> None:
@@ -217,4 +219,4 @@ def test_words_about_an_error_do_not_hide_bytes_that_are_read(tmp_path: Path) ->
 def test_digits_of_a_message_are_no_bytes_of_a_line(tmp_path: Path) -> None:
     text = tmp_path / "error.txt"
     text.write_text("Error in plugin: modbus: response transaction id '7616' does not match request '7617'\n")
-    assert "each answer is that of the request before" in run_here("diagnose", str(text)).stdout
+    assert "each answer has the number of the request before" in run_here("diagnose", str(text)).stdout

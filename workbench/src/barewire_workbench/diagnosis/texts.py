@@ -2,9 +2,9 @@
 
         "Modbus Error: [Input/Output] No Response received"  -->  no-bytes: no answer in time; how pymodbus logs bytes
 
-Such a text proves nothing about a line or bus, so that the one verdict is `no-bytes`. It shows the words that are
-known, what they mean where a program wrote them (the port is closed, a device refused, no answer came), and how that
-program is told to log its bytes. Whether a program wrote them, or a person who means something else, is not known.
+Such a text proves nothing about a line or bus, so that the one verdict is `no-bytes`. It shows the messages of programs
+that are known, what they mean (the port is closed, no answer came), and how that program is told to log its bytes.
+Causes are not guessed. What a person writes, settings, titles, questions and code are no messages (`_messages`).
 """
 
 from __future__ import annotations
@@ -24,17 +24,14 @@ from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog
 
 _SHOWN = 8
 """Pieces of bytes that a verdict shows."""
-NO_WHOLE_FRAMES = "the bytes are no whole frames, and no traffic is seen"
+NO_WHOLE_FRAMES = "no whole frame is read in this text, so that no cause is proved"
 """What the verdict says of data, or of a few bytes in a sentence."""
+_ONLY_SAID = "the messages beside the bytes are said, not seen"
 _LONG = 14
 """Characters of a text that is no word of every message."""
 _REFUSAL, _LONGEST_ANSWER, _MOST_REGISTERS = 5, 255, 125
 """Bytes of an exception and of the longest answer on a serial line, and the registers in that."""
 _UNDECIDED = frozenset({"nothing-wrong", "open", "not-seen", "nothing-heard", "no-frames", "refused"})
-_CHECKSUM_FAILS = re.compile(
-    r"(?i)(?:crc|checksum|lrc)\W{0,3}(?:\w+ ){0,2}(?:err|fail|wrong|invalid|mismatch|incorrect|bad|does not|differ|!=)|"
-    r"(?:wrong|invalid|bad|incorrect|no) (?:crc|checksum|lrc)"
-)
 _GENERAL_FORMS = ("marked", "blocks", "bytes")
 """Forms that any program may have written: a word and hexadecimal digits are enough."""
 _SHORTEST, _REQUEST = 4, 8
@@ -129,124 +126,89 @@ _PROGRAMS: tuple[tuple[str, str, str], ...] = (
 that use the library of another come before it."""
 _ANY_PROGRAM = "of TCP by tcpdump -i any -w line.pcap port 502, of a serial line by barewire sniff at a second adapter"
 
-_SILENT, _CHECKSUM, _LENGTH = "no answer came in time", "a checksum was wrong", "an answer had another length"
-_OTHER_UNIT = "an answer came from another unit"
-_QUEUE_FULL = "frames cannot be sent, since the send queue of the interface is full"
-_NOT_ACKNOWLEDGED = "no other node acknowledges what is sent"
-_EQUAL = "the checksum received and the one calculated are equal, so that the program refuses a good frame"
-_UART = "the UART reports errors of parity or framing, or a break"
-
-
-def _result_code(code: str) -> str:
-    """Return the pattern of a code as the examples of ModbusMaster and modbus-esp8266 print it: alone in a line, or
-    behind a word; among other bytes it is one of them."""
-    words = r"err\w*|result\w*|code|event|status|returns?|failed|failure"
-    return rf"(?im:(?:^\s*|\b(?:{words})\b\W{{0,4}}(?:is |of )?)(?:0x)?{code}\s*(?:$|[^\w\s]|(?=\s[g-z])))"
-
-
+_SILENT, _CHECKSUM = "no answer came in time", "a checksum did not fit"
+_TIME_OUT = "a time-out: what the program waited for did not come in time"
+_LENGTH = "an answer had another length than the program expected"
+_OTHER_UNIT = "an answer came from another unit than the program asked"
+_NO_CONNECTION = "the TCP connection is not made"
+_EQUAL = "the checksum received and the one calculated are equal"
 _STATED: tuple[tuple[str, str], ...] = (
+    (r"(?i)connection refused|ECONNREFUSED|Errno 111", "the TCP connection is refused"),
+    (r"(?i)(?:network|host) is unreachable|no route to host|EHOSTUNREACH", "the host is not reached"),
     (
-        r"(?i)connection (?:\w+ )?refused|refused (?:the |to )?connect|ECONNREFUSED|Errno 111",
-        "the connection is refused: nothing listens on the port, or no further client is taken",
+        r"(?i)could not open port|port (?:is )?not open|port is closed|PortNotOpen",
+        "the port cannot be opened, or is not open",
     ),
-    (r"unreachable|No route to host|EHOSTUNREACH", "the host is not reached"),
-    (
-        r"(?i)could not open port|no such file|cannot open|Port Not Open|Port is (?:not open|closed)|No such device",
-        "the port or interface cannot be opened",
-    ),
-    (
-        r"(?i)permission denied|access (?:is )?denied|resource busy|already (?:open|in use)|"
-        r"\bEBUSY|\bEACCES|multiple access",
-        "another program has the port, or this one may not open it",
-    ),
+    (r"(?i)permission denied|access is denied|\bEACCES", "the operating system denies the access"),
+    (r"(?i)(?:resource|port|device) (?:is )?busy|\bEBUSY", "the port or device is in use"),
     (r"(?i)network is down|ENETDOWN", "the interface is not up"),
     (
-        r"(?i)acknowledge?(?:ment)?[- ]error|no[- ]ack\b|not acknowledged|only one node|alone on the (?:can|bus)|"
-        r"only node|all ?tx ?busy",
-        _NOT_ACKNOWLEDGED,
+        r"(?i)acknowledge?(?:ment)?[- ]error|\bno-acknowledge|\back[- _]err",
+        "a frame was sent, and no other node acknowledged it",
     ),
-    (r"(?i)\bstuff(?:ing)?\b|form[- ]error", "frames are damaged on the bus: errors of stuffing or form"),
-    (r"(?i)No buffer space|ENOBUFS|\bErr(?:no|or Code) 105\b|CANsend\) Transmitting", _QUEUE_FULL),
-    (r"(?i)bus[- ]?off", "the CAN controller has left the bus for errors"),
-    (r"(?i)error[- ]passive", "the CAN controller is error passive"),
+    (r"(?i)all ?tx ?busy", "all transmit buffers of the CAN controller are full"),
+    (
+        r"(?i)\bstuff(?:ing)?[- _]err\w*|\b(?:form|frame-format)[- _]err\w*",
+        "a frame broke the rules of bit stuffing or form",
+    ),
+    (r"(?i)\bbit[01]?[- _]err\w*", "the controller read another bit than it sent"),
+    (r"(?i)no buffer space|ENOBUFS|\bErr(?:no|or Code) 105\b", "the send queue of the interface is full"),
+    (r"(?i)\bbus[- _]off\b", "the CAN controller has left the bus, since its error counter passed its limit"),
+    (r"(?i)\berror[- _]passive\b", "the CAN controller is error passive: an error counter of it is above 127"),
     (r"Errno -[235]\]|getaddrinfo|Name or service", "the name of the host is not known"),
+    (r"(?i)reset by peer|ECONNRESET", "the other side reset the TCP connection"),
+    (r"(?i)unexpectedly closed|: EOF\b|IncompleteReadError|connection (?:lost|closed)", "the connection ended"),
+    (r"(?i)failed to connect|connect failed|connect ETIMEDOUT|dial tcp .*timeout|failed: timed out", _NO_CONNECTION),
     (
-        r"unexpectedly closed|: EOF\b|reset by peer|ECONNRESET|IncompleteReadError|[Cc]onnection (?:lost|closed)",
-        "the other side closed the connection",
+        r"(?i)\b(?:crc|lrc|checksum)(?: check)?\W{0,2} ?(?:error|fail\w*|mismatch)|"
+        r"\b(?:invalid|wrong|bad) (?:crc|checksum)|frame check (?:failed|error)|CRC received \w+ != |_CRC\b",
+        _CHECKSUM,
     ),
     (
-        r"Failed to connect|connect failed|dial tcp .*timeout|failed: timed out|FSM|Port Not Open|could not open",
-        "there is no connection",
-    ),
-    (r"\bCRC|_CRC|[Cc]hecksum|\bLRC\b", _CHECKSUM),
-    (
-        r"[Ll]ength error|data size|WRONG_BYTES|"
-        r"(?i:unexpected byte count|length is invalid|invalid (?:\w+ )?length|incomplete|too short)|"
-        r"not corresponding|count does not match|expected \d+ (?:bytes )?(?:but )?got \d+",
+        r"(?i)length error|WRONG_BYTES|unexpected byte count|(?:response|data) length is invalid|"
+        r"count does not match|expected \d+ (?:bytes )?(?:but )?got \d+",
         _LENGTH,
     ),
     (r"[Uu]nable to decode", "an answer was not understood"),
     (
         r"(?i)(?:slave|unit|device) id '?\d+'? does not match|ask for (?:dev_)?id=|was expected but slave|"
-        r"not from requested slave|wrong (?:slave|unit|device)",
+        r"not from requested slave",
         _OTHER_UNIT,
     ),
-    (r"(?i)(?:uart|serial|rx|receive)\W{1,3}(?:\w+\W{1,3})?(?:parity|framing|frame) err|\b(?:rx|uart) break\b", _UART),
+    (
+        r"(?i)\b(?:uart|rx) (?:parity|framing|frame) err\w*|\b(?:rx|uart) break\b",
+        "the UART reports an error of parity or framing, or a break",
+    ),
     (r"ctx->slave != -1", "libmodbus has no unit to ask: it refuses those above 247 itself, and nothing was sent"),
+    (r"Cleanup recv buffer before send", "bytes were in the buffer when the next request was sent"),
+    (r"NOT REQUESTED transaction", "an answer has a transaction number that no waiting request has"),
+    (r"(?i)received (\w+)\W+calculated \1\b", _EQUAL),
+    (r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|no communication with|\b(?:did|does) not respond", _SILENT),
     (
-        r"Cleanup recv buffer before send",
-        "bytes of an earlier answer were in the buffer when the next request was sent: it came late",
-    ),
-    (r"NOT REQUESTED transaction", "an answer has a transaction number that no request has that waits"),
-    (
-        r"(?i)received (\w+)\W+calculated \1\b",
-        _EQUAL,
-    ),
-    (_result_code("E0"), "an answer came from another unit (ModbusMaster's E0)"),
-    (_result_code("E1"), "an answer has another function (ModbusMaster's E1)"),
-    (
-        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|(?<![\w.])time[ds]?[-_ ]?out(?!\w|\.\w|\W{0,2}[=:(]\W*\d)|"
-        rf"{_result_code('E[24]')}|"
-        r"(?:not|n't) (?:receive|respond|answer|get(?! (?:\w+ ){1,3}work))|no communication|offline",
-        _SILENT,
+        r"(?i)(?<![\w.])timed?[-_ ]?out(?:error)?\b(?!\W{0,2}[=:(]\W*\d| ?(?:setting|of |to |\d))|ETIMEDOUT|"
+        r"_TIMEOUT\b|TransactionTimedOut",
+        _TIME_OUT,
     ),
 )
-"""What words mean in a message of a program, most telling first."""
-_TOLD_APART: dict[str, tuple[str, str]] = {
-    _SILENT: (
-        "another unit or other settings, exchanged wires, a driver not switched (DE, RTS), a device that is off",
-        "barewire scan tries units and settings; a second adapter shows whether the request is on the line",
-    ),
-    _CHECKSUM: (
-        "bytes lost or added while the direction changes, another parity, noise, or a program that takes other bytes",
-        "the bytes of one answer show which",
-    ),
-    _LENGTH: (
-        "a refusal (5 bytes on a serial line), bytes lost or added, or a device with longer registers",
-        "the bytes of one answer show which",
-    ),
-    _OTHER_UNIT: (
-        "a device that answers as another unit, a late answer, or another master on the line",
-        "ask the unit that answers; if that is good, it is the first",
-    ),
-    _UART: (
-        "another parity or baud rate than the sender, exchanged wires, or noise: the settings of both sides first",
-        "a reader with the other parity and half or twice the baud rate shows whether frames appear",
-    ),
-    _QUEUE_FULL: (
-        "no other node acknowledges, or a queue that is too short for what is sent at once",
-        "candump -e shows error frames in the first case; in the second `ip link set can0 txqueuelen 1000` helps",
-    ),
-    _NOT_ACKNOWLEDGED: (
-        "no other node that is on and has this bit rate (of CAN FD both), or the wiring",
-        "a second adapter with candump at the same bit rate: if that acknowledges, the other node is the cause",
-    ),
-}
-"""What may be behind the words, and the observation that tells it apart."""
-_SILENT_ON_CAN = (
-    "a node that is off, stopped or has another node-ID, another bit rate, or the wiring",
-    "candump shows whether the request is on the bus and whether any node sends",
+"""What words mean in a message of a program, most telling first. A meaning is what the message says and no more: why it
+was written is open."""
+_PERSON = re.compile(
+    r"(?i)\b(?:I|I['’]?m|my|we|our|you|your|if|should|would|could(?! not)|maybe|because|how|why|who|sometimes|always|never|"
+    r"they|he|it|it['’]?s|wants?|works?|formerly)\b|\?\s*$"
 )
+"""Words that people write, and programs hardly ever."""
+_NO_MESSAGE = re.compile(
+    r"^\s*(?:#{1,6} |at |File \"|//|#include|#define|"
+    r"(?:def|class|import|return|if|for|while|else|public|void|int|const|var|let|elif|except|raise|throw)\b)|"
+    r"[{};]\s*$|^\s*[\w.\]\[]+ ?=(?!=)|^\s*[\w.]+\(.*\)\s*(?:#.*|//.*)?$|^\s*\"?[\w-]+\"?\s*[:=]\s*[\d.]+,?\s*$|"
+    r"\btransaction state from\b|\bWAITING[ _]FOR[ _]REPLY\b"
+)
+"""Lines that are titles, frames of a stack, code, settings, or the usual states of a program."""
+_QUOTED = re.compile(
+    r"`[^`\n]{4,400}`|\"[^\"\n]{4,400}\"|“[^”\n]{4,400}”|"
+    r"(?i:\b(?:error|exception|message|says|warning)\b[^:\n]{0,30}: ).*"
+)
+"""What a person quotes, or writes behind a word for a message."""
 _IS_MESSAGE = re.compile(
     r"(?i)err|fail|exception|time[- ]?d?[- ]?out|result|refused|respon|answer|abort|offline|duplicate|reset|"
     r"no buffer|match|wrong|invalid|unable|cannot|denied|lost|closed|\bdown\b|\bbusy\b|bus[- ]?off|"
@@ -257,7 +219,7 @@ _FIELD = re.compile(
     r"(?i)\brs-?(?:485|422|232)\b|\bmodbus|\bcan[-_ ]?bus|canopen|slcan|(?-i:\bCAN\b|\bRTU\b|\b[SP]DO\b)|\bregisters?\b"
 )
 _FAILURE = re.compile(
-    r"(?i)n['’]?t\b|\bcannot\b|\bnever\b|\bstops?\b|\balways\b|\bproblem|\btrouble|\bstuck\b|\bhangs?\b"
+    r"(?i)n['’]?t\b|\bcannot\b|\bnever\b|\bstops?\b|\balways\b|\bproblem|\btrouble|\bstuck\b|\bhangs?\b|\bcorrect|\?"
 )
 """Words of people on a line or bus, and on a failure: a text with one of each is a message too."""
 _IS_DEBUG = re.compile(r"\b(?:DEBUG|TRACE)\b|\b[DV] \(\d+\) |\[(?:VV?|D)\]")
@@ -287,10 +249,9 @@ _NAME = re.compile(
     r"gateway[ _]?(?:no[ _]?response|paths?[ _]?unavailable)|memory[ _]?parity[ _]?error|"
     r"target[ _]?device[ _]?failed[ _]?to[ _]?respond"
 )
-_EXCEPTION = re.compile(r"Exception Response\(|exceptionCode|SlaveException")
 _ABORT = re.compile(r"\b(?:0x|(?<=\())(0[568][0-9A-Fa-f]{6})\b")
 _ABORT_TEXTS = {code.text.partition(",")[0].lower(): code for code in AbortCode if len(code.text) > _LONG}
-_EMERGENCY = re.compile(r"(?i)\berror ?code\W{1,3}0x([0-9a-f]{4})\b")
+_EMERGENCY = re.compile(r"(?i)\b(?:emcy|emergency)\b.{0,80}?\b(?:0x)?([0-9a-f]{4})h?\b")
 _UNIT = re.compile(r"(?i)(?:(?:slave|unit|server)(?: address| id)? out of range \(|-- Polling slave )(\d{3,})\b")
 _LENGTHS = re.compile(
     r"(?i)(?:length|bytes?|size|short|long)\b.{0,40}?expected (\d+),? (?:but )?(?:got|received) (\d+)|"
@@ -323,9 +284,8 @@ def _said(stated: list[_Stated]) -> str:
     """Return the known words of a text with their meaning: that they stand there is certain, that a program wrote them
     is not."""
     if not stated:
-        return "no message that is known stands in the text"
-    told = "; ".join(f'"{words}" (line {line}): {what}' for what, words, line in stated)
-    return f"in messages of programs these words mean: {told}"
+        return "no message that is known here"
+    return "; ".join(f'"{words}" (line {line}): {what}' for what, words, line in stated)
 
 
 def verdict_without_bytes(text: str) -> LineVerdict | None:
@@ -341,18 +301,27 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
     if "\0" in text or not (is_message or readings or is_prose):
         return None
     stated = _stated(text)
-    program, how = _program(text, stated)
     said = _said(stated)
-    log = f"a log of {program} with its bytes: {how}" if program else f"a log with bytes: {how}"
     if readings:
         return LineVerdict("not-seen", NO_WHOLE_FRAMES, "; ".join([*readings[:_SHOWN], *([said] if stated else [])]))
     if pieces:
-        what = f"{', '.join(map(shown_digits, pieces[:_SHOWN]))}; {said}{_apart(stated, how)}; to get {log}"
-        text = NO_WHOLE_FRAMES if is_prose else "the bytes in the text are no frames that are read"
-        return LineVerdict("not-seen", text, what)
+        return LineVerdict("not-seen", NO_WHOLE_FRAMES, f"{_shown(pieces)}; {said}{_more(text, stated)}")
     return LineVerdict(
-        "no-bytes", "there are no bytes, so that no cause is proved", f"{said}{_apart(stated, how)}; to get {log}"
+        "no-bytes", "no frame is read in this text, so that no cause is proved", said + _more(text, stated)
     )
+
+
+def _shown(pieces: list[bytes]) -> str:
+    return ", ".join(map(shown_digits, pieces[:_SHOWN]))
+
+
+def _more(text: str, stated: Collection[_Stated]) -> str:
+    """Return how to get the bytes that would tell more; empty if the text shows that they are recorded already."""
+    program, how = _program(text, stated)
+    if how == _CANDUMP and "candump" in text:
+        return ""
+    log = f"a log of {program}" if program else "a log"
+    return f"; the bytes of an exchange that fails would tell more, in {log}: {how}"
 
 
 def verdict_of_words(text: str, codes: Collection[str]) -> LineVerdict | None:
@@ -362,34 +331,46 @@ def verdict_of_words(text: str, codes: Collection[str]) -> LineVerdict | None:
         return None
     stated = _stated(text)
     if "nothing-wrong" in codes or "refused" in codes:
-        stated = [known for known in stated if known.what != _SILENT]  # the bytes show it
+        stated = [known for known in stated if known.what not in (_SILENT, _TIME_OUT)]  # the bytes show it
     floats = [] if "canopen" in text.lower() else list(floats_of(text, pieces_of(text)))[:_SHOWN]
     if floats:
-        return LineVerdict("said", "the words beside the bytes are said, not seen", "; ".join(floats))
+        return LineVerdict("said", _ONLY_SAID, "; ".join(floats))
     if not stated:
         return None
-    against = ""
-    meanings = {known.what for known in stated}
-    if _CHECKSUM in meanings and set(codes) <= {"nothing-wrong", "open", "refused"}:
-        against = (
-            "; each checksum that is read fits: the program checks other bytes than it prints, or checks them wrongly"
-        )
-    elif _LENGTH in meanings and set(codes) <= {"nothing-wrong"}:
-        against = (
-            "; the answer that is read has the length that was asked: another is meant, or the program expects more"
-        )
-    evidence = f"{_said(stated)}{against or _apart(stated, _program(text, stated)[1])}"
-    return LineVerdict("said", "the words beside the bytes are said, not seen", evidence)
+    is_fitting = any(known.what == _CHECKSUM for known in stated) and set(codes) <= {"nothing-wrong", "open", "refused"}
+    fits = "; the checksums of the frames read here fit" if is_fitting else ""
+    return LineVerdict("said", _ONLY_SAID, _said(stated) + fits)
+
+
+def _messages(text: str) -> str:
+    """Return a text with blanks in place of all that is no message of a program: of what a person writes, only what is
+    quoted remains.
+
+    >>> _messages('If it fails it says "no response" here')
+    '                        "no response"     '
+    """
+    lines = []
+    for line in text.split("\n"):
+        kept = line
+        if _NO_MESSAGE.search(line):
+            kept = " " * len(line)
+        elif _PERSON.search(line):
+            kept = " " * len(line)
+            for quoted in _QUOTED.finditer(line):
+                if " " in quoted[0] and not _PERSON.search(quoted[0]):
+                    kept = kept[: quoted.start()] + quoted[0] + kept[quoted.end() :]
+        lines.append(kept)
+    return "\n".join(lines)
 
 
 def _stated(text: str) -> list[_Stated]:
     """Return what the words of a text mean in messages of programs, each meaning once, with the first words of it."""
+    text = _messages(text)
     found = ((re.search(words, text), what) for words, what in _STATED)
     known = [*_numbered(text), *(_Stated.by(words, what) for words, what in found if words)]
     by_meaning = {stated.what: stated for stated in reversed(known)}
-    failed = _CHECKSUM_FAILS.search(text)
-    if _CHECKSUM in by_meaning and (failed is None or _EQUAL in by_meaning):
-        del by_meaning[_CHECKSUM]
+    if _SILENT in by_meaning or _NO_CONNECTION in by_meaning:
+        by_meaning.pop(_TIME_OUT, None)
     return [*reversed(by_meaning.values())]
 
 
@@ -400,17 +381,8 @@ def _program(text: str, stated: Collection[_Stated]) -> tuple[str, str]:
         return program[0], f"{program[1]}; if that is set already, {_ANY_PROGRAM}"
     if program is not None:
         return program
-    is_can = any(known.what.startswith("a node ") for known in stated)
+    is_can = any(known.what.startswith(("SDO ", "emergency ")) for known in stated)
     return ("a program on CAN", _CANDUMP) if is_can else ("", _ANY_PROGRAM)
-
-
-def _apart(stated: list[_Stated], how: str) -> str:
-    """Return what may be behind the most telling words, if they leave it open, and how to tell. `how` is the way to
-    get the bytes of the program."""
-    what = stated[0].what if stated else ""
-    is_can = what == _SILENT and how == _CANDUMP
-    causes, observation = _SILENT_ON_CAN if is_can else _TOLD_APART.get(what, ("", ""))
-    return f"; behind such a message, where the text does not exclude it: {causes}; {observation}" if causes else ""
 
 
 def is_text(log: ModbusLog) -> bool:
@@ -437,23 +409,15 @@ def _numbered(text: str) -> list[_Stated]:
         exceptions.setdefault(number, words)
     for number, words in sorted(exceptions.items()):
         if number in range(1, 12):
-            by = "a gateway" if number in (10, 11) else "a device"
-            stated.append(
-                _Stated.by(words, f"{by} is reached and refuses: exception {number:02X} ({exception_name(number)})")
-            )
-    if not stated and (exception := _EXCEPTION.search(text)):
-        stated.append(_Stated.by(exception, "a device is reached and refuses with an exception"))
+            stated.append(_Stated.by(words, f"exception {number:02X} ({exception_name(number)}) of Modbus"))
     aborts = {int(words[1], 16): words for words in _ABORT.finditer(text)}
     if not aborts and "bort" in text:
         named = ((code, re.search(f"(?i){re.escape(name)}", text)) for name, code in _ABORT_TEXTS.items())
         aborts = {int(code): words for code, words in named if words}
-    is_own = re.search(r"(?i)by (?:the )?client", text) is not None
     for code, words in sorted(aborts.items()):
-        by = "the client gave up" if is_own or code == AbortCode.TIMED_OUT else "a node refuses"
-        stated.append(_Stated.by(words, f"{by}: abort {code:08X} ({abort_text(code)})"))
+        stated.append(_Stated.by(words, f"SDO abort {code:08X} ({abort_text(code)})"))
     for words in _EMERGENCY.finditer(text):
-        error = f"{words[1]}h ({error_text(int(words[1], 16))})"
-        stated.append(_Stated.by(words, f"a node reports the emergency {error}"))
+        stated.append(_Stated.by(words, f"emergency {words[1]}h ({error_text(int(words[1], 16))})"))
     for words in _UNIT.finditer(text):
         if int(words[1]) > _LAST_UNIT:
             other = "a register?" if int(words[1]) > _LONGEST_ANSWER else "248 to 255 are reserved"
@@ -476,9 +440,8 @@ def _transactions(text: str) -> list[_Stated]:
     found = [*_TRANSACTIONS.finditer(text)]
     pairs = [(int(words[1] or words[4]), int(words[2] or words[3])) for words in found]
     if pairs and all(asked - answer == 1 for answer, asked in pairs):
-        return [_Stated.by(found[0], "each answer is that of the request before, so late by one")]
+        return [_Stated.by(found[0], "each answer has the number of the request before")]
     if pairs and not any(asked == answer for answer, asked in pairs):
         answer, asked = pairs[0]
-        other = "the answer to another request, of this client before or of another one behind the same gateway"
-        return [_Stated.by(found[0], f"transaction {answer} answers, and {asked} was asked: {other}")]
+        return [_Stated.by(found[0], f"transaction {answer} answers, and {asked} was asked")]
     return []

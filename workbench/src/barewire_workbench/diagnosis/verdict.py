@@ -74,6 +74,8 @@ VERDICTS: dict[VerdictCode, str] = {
 """What each verdict says, in a sentence. This is the closed list."""
 
 
+UNDECIDED: frozenset[VerdictCode] = frozenset({"nothing-proved", "nothing-heard", "no-bytes", "open", "not-seen"})
+"""Verdicts that name no cause; their sentence begins with that."""
 _KINDS_MAX, _KINDS_SHOWN = 1000, 5
 """The most pairs of a code and a place that are counted, and that a verdict names."""
 
@@ -183,7 +185,8 @@ class LineVerdict(NamedTuple):
         'verdict: unit 3 does not answer [dead-unit]: 0 of 5 requests answered; it may also be another address'
         """
         also = f"; it may also be {self.otherwise}" if self.otherwise else ""
-        return f"verdict: {self.text} [{self.code}]: {self.evidence}{also}"
+        undecided = "undecided: " if self.code in UNDECIDED else ""
+        return f"verdict: {undecided}{self.text} [{self.code}]: {self.evidence}{also}"
 
     def as_dict(self) -> dict[str, object]:
         """Return the verdict for `json.dumps`."""
