@@ -193,8 +193,7 @@ def test_what_the_recorder_lost_is_no_fault_of_the_bus() -> None:
     log.feed(5.0)
     log.end()
     assert [(verdict.code, verdict.evidence) for _, verdict in log.verdicts()] == [
-        ("open", "1 SDO transfer with node 5 without its other half; 1 frame of 0 nodes, 0 SDO transfers ended"),
-        ("not-seen", "1 gap in the recording; 1 frame of 0 nodes, 0 SDO transfers ended"),
+        ("not-seen", "1 gap in the recording, one side of SDO, since each SDO request stands alone; 1 frame read"),
     ]
     assert [item.line for item in log.unread] == [1]
 
@@ -209,7 +208,7 @@ def test_frames_of_can_fd_are_not_seen() -> None:
     assert findings == []
     assert (verdict.code, verdict.evidence) == (
         "not-seen",
-        "2 frames of CAN FD, not decoded; 4 frames of 1 node, 1 SDO transfer ended",
+        "2 frames of CAN FD, not decoded; 4 frames read, of 1 node, 1 SDO transfer ended",
     )
 
 

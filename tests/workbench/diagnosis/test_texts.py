@@ -21,7 +21,11 @@ from tests.helpers import every_case
         ("canopen.sdo.exceptions.SdoAbortedError: Code 0x06020000", "abort 06020000", "candump"),
         ("write: No buffer space available", "the send queue of the interface is full", "candump"),
         ("[08:24:49][W][modbus:126]: Modbus CRC Check failed! C071!=00", "a checksum did not fit", "direction: BOTH"),
-        ("response transaction id '82' does not match request '83' error", "number of the request before", "bytes"),
+        (
+            "response transaction id '82' does not match request '83' error",
+            "number of the request before, so late by one",
+            "bytes",
+        ),
         ("it failed", "no message that is known", "tcpdump"),
         ("Failed to get data of the meter", "no message that is known", "tcpdump"),
         ("could not open port '/dev/ttyUSB0': [Errno 13] Permission denied", "denies the access", "sniff"),
@@ -206,6 +210,8 @@ def test_words_beside_bytes_are_said_and_not_seen(text: str, codes: set[str], sa
         ("It says `SDO abort 0x05040001` and I am stuck", "SDO abort 05040001 ("),
         ("pymodbus: ConnectionResetError: [Errno 104] Connection reset by peer", "reset the TCP connection"),
         ("E (5) mb: read failed, ESP_ERR_TIMEOUT", "a time-out"),
+        ("{ errorCode: 130, exceptionCode: 1, message: 'ILLEGAL FUNCTION' }", "exception 01"),
+        ("2023-12-21 01:30:31.810 ERROR it is a ModbusTcpClient: Connection unexpectedly closed", "connection ended"),
     ],
 )
 def test_messages_of_the_field_are_known(text: str, states: str) -> None:

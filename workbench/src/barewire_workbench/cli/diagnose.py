@@ -156,7 +156,10 @@ def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
             raise
     else:
         if words is None or not is_text(first):
-            diagnosis = ModbusLogDiagnosis(first, window, traffic.protocol)
+            is_whole = len(traffic.recording.start) < _TEXT_MAX and traffic.name != "-"  # a pipe may go on
+            if is_whole:
+                first = first._replace(items=(*first.items, *(item for part in others for item in part.items)))
+            diagnosis = ModbusLogDiagnosis(first, window, traffic.protocol, whole=is_whole)
             findings = diagnosis.findings(others)
             if words is not None and words.text == NO_WHOLE_FRAMES and len(text) < _TEXT_MAX:
                 listed = list(findings)

@@ -70,7 +70,7 @@ _TWICE = 0.01
 """Seconds in which the second of two nodes answers the same request."""
 _PATIENCE = 1.0
 """Seconds in which a node answers."""
-_BLOCK_CONFIRMED = b"\xa2"
+_BLOCK_CONFIRMED, _NO_SIZE = b"\xa2", 0x42
 _NOT_STARTED = (NmtState.INITIALISING, NmtState.PRE_OPERATIONAL)
 _STATUS_MASK, _SWITCH_ON_DISABLED = 0x024F, 0x0240
 """Bits of the status word of CiA 402, with that of remote control."""
@@ -87,6 +87,9 @@ class BusCounts:
         self.fd_frames = 0
         self.extended = 0
         self.errors = 0
+        self.error_frames = 0  # with those that report no fault of the bus
+        self.last_error = ""
+        self.sides: set[str] = set()  # of SDO: requests, answers
         self.unacknowledged = 0
         self.counter = 0  # the highest error counter that a controller reported
         self.first: float | None = None
@@ -108,6 +111,7 @@ class BusCounts:
         self.first = now if self.first is None else self.first
         self.last = max(self.last, now)
         if isinstance(frame, ErrorFrame):
+            self.error_frames, self.last_error = self.error_frames + 1, frame.text
             self.errors += bool(frame.classes & _FAULTS)
             in_acknowledgement = frame.classes & _PROTOCOL and frame.data[3:4] in _ACKNOWLEDGE_BITS
             self.unacknowledged += frame.classes & _FAULTS == _NO_ACKNOWLEDGEMENT or bool(in_acknowledgement)
@@ -122,6 +126,8 @@ class BusCounts:
         owner = classify(frame) if isinstance(frame, CanFrame) and not frame.remote else None
         if owner is not None and owner[0].from_device and owner[1]:
             self.heard[owner[1]] = now
+        if owner is not None and owner[0].name.startswith("SDO"):
+            self.sides.add(owner[0].name)
 
     def second_answer(self, node: int, data: bytes, from_client: bool, now: float) -> bool:
         """Take an SDO frame that begins or ends a transfer. Return whether it is the second answer to one request."""
@@ -167,7 +173,8 @@ class BusCounts:
     def verdicts(self) -> list[LineVerdict]:
         """Return the verdicts that the numbers show, those that explain most first."""
         if not self.received and (self.errors or not self.frames):
-            return [self._no_frames()] if self.errors >= PROVES or self.counter >= ERROR_PASSIVE else []
+            is_many = self.errors >= PROVES or (self.errors and self.counter >= ERROR_PASSIVE)
+            return [self._no_frames()] if is_many else []
         verdicts = [*self._silence(), *self._two_masters(), *self._two_nodes()]
         if self.errors >= PROVES:
             verdicts.append(self._disturbed())
@@ -177,7 +184,7 @@ class BusCounts:
         return f"in {self.last - (self.first or 0.0):.3f} s"
 
     def _no_frames(self) -> LineVerdict:
-        evidence = f"{counted(self.errors, 'error frame')} and not one good frame {self._seconds()}"
+        evidence = f"{counted(self.errors, 'error frame')} and no other frame read {self._seconds()}"
         if self.frames:
             evidence = f"{counted(self.errors, 'error frame')}, and only own frames {self._seconds()}: {self.frames}"
         if self.counter:
@@ -186,7 +193,9 @@ class BusCounts:
             other = "that the other nodes have another bit rate or are off, or that the cable is interrupted"
             return LineVerdict("not-acknowledged", "no other node acknowledges the frames", evidence, other)
         other = "exchanged wires CAN_H and CAN_L, or a bus without its termination of 120 ohm at both ends"
-        return LineVerdict("bit-rate", "the bit rate is not that of the bus", evidence, other)
+        return LineVerdict(
+            "bit-rate", "only error frames are received, as with another bit rate than that of the bus", evidence, other
+        )
 
     def _silence(self) -> list[LineVerdict]:
         silent = [node for node, number in self.unanswered.items() if number and number == self.asked[node]]
@@ -343,6 +352,7 @@ class BusDiagnosis:
         """What the recording holds beside this bus, in words."""
         self.gaps = 0
         self._silences = 0
+        self._is_one_sided = False
         self._dialects = {node.node: node.commands for node in described}
         self._requests: dict[int, list[InitiatingFrame]] = {}  # channel -> its last two initiating requests
         self._toggled: dict[int, Gap] = {}  # node -> a toggle bit that did not alternate, if no segment is missing
@@ -351,6 +361,7 @@ class BusDiagnosis:
         self._confirmed: dict[int, tuple[int, int]] = {}  # channel -> segments of a block that arrived, and its size
         self._waiting: set[int] = set()  # nodes whose last request has no answer yet
         self._last_transfer = ""
+        self._sizeless = ""  # the first expedited answer without a size
         self._alone: dict[int, str] = {}  # the PDOs of a log with few frames and no others
         self._words: dict[int, tuple[int, int]] = {}  # COB-ID of a PDO -> its node, and the first two bytes of the last
 
@@ -397,7 +408,8 @@ class BusDiagnosis:
         proofs += [proved for node, proved in self._searched.items() if not self.counts.is_search(node)]
         self._searched.clear()
         for node, number in self._not_awaited.items():
-            if not self.counts.heard or not self.counts.may_be_search(node):
+            self._is_one_sided = len(self.counts.sides) == 1
+            if not self._is_one_sided and not self.counts.may_be_search(node):
                 self.unsettled.open[f"SDO transfer with node {node} without its other half"] += number
         self._not_awaited.clear()
         return self._at(proofs, now, 0)
@@ -407,8 +419,9 @@ class BusDiagnosis:
         counts = self.counts
         causes = counts.verdicts()
         answered = sum(counts.asked.values()) - sum(counts.unanswered.values())
-        ended = f"{counted(answered, 'SDO transfer')} ended"
-        seen = f"{counted(counts.frames, 'frame')} of {counted(len(counts.heard), 'node')}, {ended}"
+        seen = f"{counted(counts.frames, 'frame')} read"
+        seen += f", of {counted(len(counts.heard), 'node')}" if counts.heard else ""
+        seen += f", {counted(answered, 'SDO transfer')} ended" if answered else ""
         seen += "".join(f"; {fact}" for fact in self._facts())
         if self._silences:
             seen += f"; requests to several nodes have no answer at {counted(self._silences, 'place')}"
@@ -416,17 +429,21 @@ class BusDiagnosis:
         self.unsettled.unseen = [
             *([f"{fd} of CAN FD, not decoded"] if counts.fd_frames else []),
             *([f"{gaps} in the recording"] if self.gaps else []),
+            *([f"one side of SDO, since each {''.join(counts.sides)} stands alone"] if self._is_one_sided else []),
             *self.left_out,
         ]
         if not causes and not counts.frames and not self.found.total:
-            errors = counted(counts.errors, "error frame")
+            errors = f"{counted(counts.error_frames, 'error frame')} read"
+            errors += f", the last: {counts.last_error}" if counts.last_error else ""
             errors += f"; an error counter of the controller is {counts.counter}" if counts.counter else ""
-            causes.append(LineVerdict("nothing-heard", "no frame was received", errors))
+            causes.append(LineVerdict("nothing-heard", "no frame of a node is read", errors))
         return causes or verdicts_without_cause(self.found, self.unsettled, seen)
 
     def _facts(self) -> Iterator[str]:
         """Yield what one asks next about a bus on which nothing is wrong."""
         counts, now = self.counts, self.monitor.now
+        if self._sizeless:
+            yield f"{self._sizeless} has 4 bytes and does not state how many count (42h), which is allowed"
         if counts.frames and counts.extended == counts.frames:
             yield "all identifiers have 29 bits: no CANopen"
         yield from (f"{identifier:03X}h is {what} of the predefined set" for identifier, what in self._alone.items())
@@ -463,7 +480,7 @@ class BusDiagnosis:
             return  # no other node is on the bus, or none with this bit rate: the verdict says both
         is_passive = counter < ERROR_PASSIVE <= self.counts.counter and self._errors < PROVES
         if is_passive or (self._errors == PROVES and self.counts.errors > before):
-            good = counted(self.counts.frames, "good frame") if self.counts.frames else "no good frame"
+            good = counted(self.counts.frames, "good frame") if self.counts.frames else "no other frame read"
             text = f"{PROVES} error frames in a row: {frame.text}"
             if is_passive:
                 text = f"an error counter of the controller is {self.counts.counter}: {frame.text}"
@@ -494,6 +511,8 @@ class BusDiagnosis:
                 self._waiting.add(owner[1])
             elif not request:
                 self._waiting.discard(owner[1])
+                if frame.data[0] == _NO_SIZE and not self._sizeless:
+                    self._sizeless = f"the answer {frame}"
             yield from self._answered_twice(frame, owner[1], request, now)
         if frame.id == ANSWER_KEY[0] and frame.data[:1] in _LSS_CONFIGURES and len(frame.data) == 8 and frame.data[1]:
             refusal = LssRefused(LssService(frame.data[0]), frame.data[1], frame.data[2])

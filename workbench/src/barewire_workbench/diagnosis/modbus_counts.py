@@ -115,9 +115,9 @@ class LineCounts:
         """Return the counts in words."""
         answered = sum(unit.answered for unit in self.units.values())
         units = [number for number, unit in self.units.items() if unit.answered]
-        text = (
-            f"{counted(self.frames, 'frame')}, {counted(answered, 'request')} answered by {counted(len(units), 'unit')}"
-        )
+        text = f"{counted(self.frames, 'frame')}{'' if answered else ' read'}"
+        if answered:
+            text += f", {counted(answered, 'request')} answered by {counted(len(units), 'unit')}"
         for value, number in self.no_value.items():
             text += (
                 f"; {counted(number, 'response')} of {value} alone, which many devices send for a value not available"
@@ -141,9 +141,8 @@ class LineCounts:
         return verdicts
 
     def _no_frames(self) -> LineVerdict:
-        other = "another baud rate or parity, exchanged wires A and B, or another protocol"
-        evidence = f"{counted(self.noise_bytes)} in {counted(self.bursts, 'piece')}, and not one good frame"
-        return LineVerdict("no-frames", "the bytes on the line are no Modbus frames as they are read", evidence, other)
+        evidence = f"{counted(self.noise_bytes)} in {counted(self.bursts, 'piece')}"
+        return LineVerdict("no-frames", "the bytes are no Modbus frames as they are read here", evidence)
 
     # The direction of the line
 
@@ -222,16 +221,20 @@ class LineCounts:
         if dead and not answered and not self.bursts:
             requests = sum(unit.missing + unit.halves for unit in dead.values())
             evidence = f"{counted(requests, 'request')} to unit {', '.join(map(str, sorted(dead)))}, and no response"
-            return [LineVerdict("no-answers", "no unit answers", evidence, _OTHER["no-answers"])]
+            return [LineVerdict("no-answers", "no unit answers", evidence, self._other("no-answers"))]
         verdicts = []
         for number, unit in dead.items():
             asked = unit.missing + unit.halves
             evidence = f"0 of {counted(asked, 'request')} answered; others answered {answered}"
-            verdicts.append(LineVerdict("dead-unit", f"unit {number} does not answer", evidence, _OTHER["dead-unit"]))
+            verdicts.append(
+                LineVerdict("dead-unit", f"unit {number} does not answer", evidence, self._other("dead-unit"))
+            )
         for number, unit in self.units.items():
             if unit.answered and unit.streak >= PROVES:
                 evidence = f"the last {unit.streak} of {counted(unit.requests, 'request')} have no answer"
-                verdicts.append(LineVerdict("dead-unit", f"unit {number} fell silent", evidence, _OTHER["dead-unit"]))
+                verdicts.append(
+                    LineVerdict("dead-unit", f"unit {number} fell silent", evidence, self._other("dead-unit"))
+                )
                 dead[number] = unit
         return [*verdicts, *self._lost(dead)]
 
@@ -244,7 +247,13 @@ class LineCounts:
             return []
         units = [number for number, count in sorted(lost.items()) if count]
         evidence = f"{total} of {counted(requests, 'request')} have no response, of unit {', '.join(map(str, units))}"
-        return [LineVerdict("lost-answers", "responses are missing now and then", evidence, _OTHER["lost-answers"])]
+        return [
+            LineVerdict("lost-answers", "responses are missing now and then", evidence, self._other("lost-answers"))
+        ]
+
+    def _other(self, code: VerdictCode) -> str:
+        """Return what else silence may be on a serial line; nothing on another, whose way is not known."""
+        return _OTHER[code] if self.serial else ""
 
     def _disturbed(self, damaged: int) -> LineVerdict:
         kinds = ", ".join(f"{number} {code}" for code, number in self.kinds.most_common(4))

@@ -90,6 +90,8 @@ _NO_VALUES = tuple(map(bytes.fromhex, ("7FFF", "8000", "FFFF", "7FFFFFFF", "8000
 """Registers that SunSpec and many makers send for what a device does not measure."""
 _EXCEPTION = 5
 """Bytes of an exception on a serial line."""
+_SIDE_SHOWN, _OTHER_SIDE = 3, "the other side"
+"""Frames of a log of one side that a verdict names, and what is not in such a log."""
 _FEW = 16
 """Different refusals that are told apart by what was asked."""
 _DIAGNOSTICS, _LISTEN_ONLY = 0x08, b"\x00\x04"
@@ -143,6 +145,9 @@ class LineDiagnosis:
         self._refusals = Refusals()
         self._stuck: Piece | None = None  # the last response behind another one, in the same read
         self._instead = -1.0  # when something else than a response came, which has its finding
+        self.one_side = ""
+        """"requests" or "responses", if the log shows nothing else: then none of them stands alone."""
+        self._of_one_side: list[str] = []  # the first frames of such a log
         self.unread_at = -1.0
         """The time of the last line of the log whose bytes cannot be read: they may be the response."""
         self._listening: set[int] = set()  # units that were commanded to listen only
@@ -161,11 +166,23 @@ class LineDiagnosis:
 
     def flush(self) -> list[LogFinding]:
         """Decide about noise that no frame followed, and about requests of which no more will come."""
+        self._end_cut()
         located = [*self._decide(None), *self._end_overlap(), *self._end_half(), *self._end_broadcast(None)]
         # A unit that serves one address with five digits has such addresses: they are no numbers of a manual.
         located += [finding for table, finding in self._numbered if (finding.unit, table) not in self._served]
         self._numbered.clear()
         return [self._log_finding(*finding) for finding in located]
+
+    def _end_cut(self) -> bool:
+        """Return whether the log ends within a response; that is no fault of the line."""
+        noise = self._noise
+        size = None if noise is None else self._due(noise)
+        if noise is None or size is None or len(noise.data) >= size or noise.from_client is not False:
+            return False
+        self._noise = None
+        seen = f"{len(noise.data)} of its {size} bytes are in the log"
+        self.unsettled.unseen.append(f"the end of the last response, of unit {noise.data[0]}: {seen}")
+        return True
 
     def note(self, located: Located) -> LogFinding:
         """Take a finding on what came in place of a response."""
@@ -178,6 +195,9 @@ class LineDiagnosis:
         causes = counts.verdicts()
         if not counts.frames and not counts.noise_bytes:
             causes.append(LineVerdict("nothing-heard", "nothing was received", "no byte"))
+        if self._of_one_side:
+            shown = f"this log shows one side only: {', '.join(self._of_one_side)}"
+            return causes or verdicts_without_cause(self.found, self.unsettled, f"{shown}; {counts.seen()}")
         differences = list(self._refusals.differences())[:_DIFFERENCES]
         return causes or verdicts_without_cause(self.found, self.unsettled, "; ".join([counts.seen(), *differences]))
 
@@ -213,8 +233,22 @@ class LineDiagnosis:
 
     def _goes_on(self, noise: Piece, piece: Piece) -> bool:
         """Return whether noise goes on in the next chunk."""
-        same = noise.from_client == piece.from_client
-        return same and self._timed and piece.start - noise.end <= _WITHIN
+        if noise.from_client != piece.from_client:
+            return False
+        if self._timed and piece.start - noise.end <= _WITHIN:
+            return True
+        size = self._due(noise)
+        return noise.from_client is False and size is not None and len(noise.data) + len(piece.data) <= size
+
+    def _due(self, noise: Piece) -> int | None:
+        """Return the bytes of the response of RTU that noise begins; None if it begins none, or the request does not
+        tell."""
+        asked = self._asked.adu if self._asked is not None else None
+        if self.protocol != "rtu" or asked is None or len(noise.data) < 2 or not self._begins_answer(noise):
+            return None
+        size = _EXCEPTION if noise.data[1] & EXCEPTION_BIT else response_size(asked.pdu)
+        is_other = asked.pdu[0] in READS and noise.data[2:3] not in (b"", bytes(((size or 0) - _EXCEPTION & 0xFF,)))
+        return None if is_other and size != _EXCEPTION else size
 
     def _role(self, piece: Piece) -> FrameRole:
         """Return the role of a frame: its shape tells, or the frame before; the two of a single write are equal."""
@@ -347,6 +381,8 @@ class LineDiagnosis:
         counts.kinds["no-frame"] += 1
         counts.strange += not begins
         text = f"{counted(len(noise.data))} outside of a frame" + (", where a response was due" if unit else "")
+        if self.protocol == "tcp" and noise.joined and self._before is not None:
+            text = f"{counted(len(noise.data))} behind a frame, which the length in its header does not count"
         yield Located(unit, Finding("no-frame", text, content(noise.data)), noise.end, noise.line)
 
     def _is_part_again(self, noise: Piece) -> bool:
@@ -380,18 +416,31 @@ class LineDiagnosis:
                     self.counts.unit(event.unit).requests += 1
                     self._note_request(event)
                 yield from self._wrong_value(event)
+            case ResponseSeen(request=None) if self.one_side:
+                self._note_one_side(event)
+                yield from self._refusal(event)
             case ResponseSeen() if self._overlap is not None and event.request is not None:
                 yield from self._overlapping(self._overlap, event)
             case ResponseSeen():
                 yield from self._response(event)
+            case ResponseMissing() | RecordingEnds() if self.one_side:
+                self._note_one_side(event.request)
             case ResponseMissing():
                 yield from self._decide(None)  # no frame will follow the noise that came in place of the response
                 yield from self._no_response(event, following)
             case RecordingEnds(request=request) if (request.unit, request.at) not in self._spoiled:
-                if not self._listens(request):
+                if not self._listens(request) and not self._end_cut():
                     self.unsettled.open[f"request to unit {request.unit} at the end"] += 1
             case AmbiguousFrame() if not self._listens(event):
                 yield from self._either(event)
+
+    def _note_one_side(self, frame: RequestSeen | ResponseSeen) -> None:
+        """Remember a frame of a log that shows one side only."""
+        role: FrameRole = "request" if isinstance(frame, RequestSeen) else "response"
+        if len(self._of_one_side) < _SIDE_SHOWN:
+            what = "request to" if role == "request" else "response of"
+            self._of_one_side.append(f"{what} unit {frame.unit}, {explain_pdu(frame.pdu, role).summary}")
+        self.unsettled.unseen = [*filter(_OTHER_SIDE.__ne__, self.unsettled.unseen), _OTHER_SIDE]
 
     def _end_broadcast(self, event: SnifferEvent | None) -> Iterator[Located]:
         """Decide about a request to read of unit 0, now that the next event is known."""

@@ -17,9 +17,10 @@ from barewire_workbench.diagnosis.tcp import diagnose_tcp
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.frames.result import ProtocolName, counted
 from barewire_workbench.recordings.modbus_log import UNREADABLE, LoggedBytes, ModbusLog
+from barewire_workbench.recordings.modbus_log.marked import frame_pdu
 from barewire_workbench.recordings.modbus_replay import LogSniffers, SerialProtocol
 from barewire_workbench.recordings.model import LEFT_OUT
-from barewire_workbench.sniffer import WINDOW, HeardLine, Sniffer, SnifferEvent
+from barewire_workbench.sniffer import WINDOW, HeardLine, Sniffer, SnifferEvent, shapes
 
 
 def _ignore(event: SnifferEvent, protocol: ProtocolName) -> None:
@@ -28,7 +29,7 @@ def _ignore(event: SnifferEvent, protocol: ProtocolName) -> None:
 
 class ModbusLogDiagnosis:
     """A whole log of Modbus: each serial line and each TCP connection in it has its own diagnosis. `on_event` gets each
-    event of the sniffer, and its framing, before the findings that follow from it.
+    event of the sniffer, and its framing, before the findings that follow from it. Not `whole`: other parts come.
 
     >>> from barewire_workbench.recordings.modbus_log import read_modbus_log
     >>> log = ModbusLogDiagnosis(read_modbus_log(b"1.0 01 03 00 00 00 02 C4 0B\\n1.1 01 83 02 C0 F1\\n"))
@@ -42,6 +43,8 @@ class ModbusLogDiagnosis:
         window: float = WINDOW,
         protocol: SerialProtocol | None = None,
         on_event: Callable[[SnifferEvent, ProtocolName], object] = _ignore,
+        *,
+        whole: bool = True,
     ) -> None:
         self.log = log = _with_framing(log)
         self._on_event = on_event
@@ -54,6 +57,7 @@ class ModbusLogDiagnosis:
         self._unreadable = 0  # lines
         self._left_out: list[str] = []
         self._envelopes = Envelopes()
+        self._one_side = _one_side(log) if whole else ""
         self._sniffers = LogSniffers(log, window, protocol, self._wrapped)
 
     def __repr__(self) -> str:
@@ -66,6 +70,7 @@ class ModbusLogDiagnosis:
         if name not in self.lines:
             self.lines[name] = LineDiagnosis(protocol, timed=self.log.timed)
             self.lines[name].repeated = self._repeated
+            self.lines[name].one_side = self._one_side
         if len(self.lines) == 2:  # one alone has no name
             for other, diagnosis in self.lines.items():
                 diagnosis.name = other
@@ -115,6 +120,19 @@ class ModbusLogDiagnosis:
         """Return the verdicts on each line or connection, with its name; the name is empty if there is only one."""
         named = list(self.lines.items()) or [("", LineDiagnosis("rtu"))]
         return [(diagnosis.name, verdict) for _, diagnosis in named for verdict in diagnosis.verdicts()]
+
+
+def _one_side(log: ModbusLog) -> str:
+    """Return what a log shows, if that is one side only, and no wait in vain for the other one; empty otherwise. A
+    capture shows both, and bytes with times alone are those of a line."""
+    pieces = [item for item in log.items if isinstance(item, LoggedBytes)]
+    if log.form == "capture" or not pieces or not all(item.data for item in pieces):
+        return ""
+    sides = {item.from_client for item in pieces}
+    if None in sides and not log.timed:
+        pdus = [frame_pdu(item.protocol, item.data) if item.protocol else None for item in pieces]
+        sides = {(None if pdu is None or len(set(shapes(pdu))) == 1 else shapes(pdu)[0]) for pdu in pdus}
+    return {True: "requests", False: "responses", None: ""}[sides.pop()] if len(sides) == 1 else ""
 
 
 def _with_framing(log: ModbusLog) -> ModbusLog:

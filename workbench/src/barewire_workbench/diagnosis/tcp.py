@@ -140,6 +140,13 @@ def _header(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
         yield Finding("mbap-header", text, proof_of(right, good))
 
 
+def _only_unit(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
+    """The header of a response without a message: some gateways answer so."""
+    if len(data) == PREFIX + 1 and data[2:6] == b"\0\0\0\1":
+        text = "a header with length 1: the unit, and no function"
+        yield Finding("mbap-header", text, f"transaction {int.from_bytes(data[:2], 'big')}, unit {data[6]}")
+
+
 def _frames_inside(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
     """Good frames up to the end, or with a part of another behind them; or noise before them."""
     for first in range(len(data) - SHORTEST + 1):
@@ -234,7 +241,7 @@ def _begun(data: bytes, role: FrameRole | None) -> list[Missing]:
 
 
 _TRIALS: tuple[tuple[Trial, ...], ...] = (
-    (_other_role, _other_framing, _crc_inside, _header_order),
+    (_other_role, _other_framing, _only_unit, _crc_inside, _header_order),
     (_frames_inside,),
     (_half_crc_inside, _header_byte, _left_over),
     (_bare,),

@@ -193,17 +193,19 @@ _STATED: tuple[tuple[str, str], ...] = (
 """What words mean in a message of a program, most telling first. A meaning is what the message says and no more: why it
 was written is open."""
 _PERSON = re.compile(
-    r"(?i)\b(?:I|I['’]?m|my|we|our|you|your|if|should|would|could(?! not)|maybe|because|how|why|who|sometimes|always|never|"
-    r"they|he|it|it['’]?s|wants?|works?|formerly)\b|\?\s*$"
+    r"(?i)\b(?:I|I['’]?m|my|we|our|your?|if|should|would|could(?! not)|maybe|because|how|why|who|sometimes|always|"
+    r"never|they|he|it|it['’]?s|wants?|works?|formerly)\b|\?\s*$"
 )
 """Words that people write, and programs hardly ever."""
 _NO_MESSAGE = re.compile(
     r"^\s*(?:#{1,6} |at |File \"|//|#include|#define|"
     r"(?:def|class|import|return|if|for|while|else|public|void|int|const|var|let|elif|except|raise|throw)\b)|"
-    r"[{};]\s*$|^\s*[\w.\]\[]+ ?=(?!=)|^\s*[\w.]+\(.*\)\s*(?:#.*|//.*)?$|^\s*\"?[\w-]+\"?\s*[:=]\s*[\d.]+,?\s*$|"
-    r"\btransaction state from\b|\bWAITING[ _]FOR[ _]REPLY\b"
+    r"[{;]\s*$|^\s*[})\]]+|^\s*[\w.\]\[]+ ?=(?!=)|^\s*[\w.]+\(.*\)\s*(?:#.*|//.*)?$|"
+    r"^\s*\"?[\w-]+\"?\s*[:=]\s*[\d.]+,?\s*$|\btransaction state from\b|\bWAITING[ _]FOR[ _]REPLY\b"
 )
 """Lines that are titles, frames of a stack, code, settings, or the usual states of a program."""
+_LOGGED = re.compile(r"\b(?:ERROR|WARN(?:ING)?|INFO|DEBUG|TRACE)\b|\[[CDVWE]\]\[|^[EWI] \(\d+\)|\d:\d\d:\d\d[.,]\d")
+"""A line of a log."""
 _QUOTED = re.compile(
     r"`[^`\n]{4,400}`|\"[^\"\n]{4,400}\"|“[^”\n]{4,400}”|"
     r"(?i:\b(?:error|exception|message|says|warning)\b[^:\n]{0,30}: ).*"
@@ -354,7 +356,7 @@ def _messages(text: str) -> str:
         kept = line
         if _NO_MESSAGE.search(line):
             kept = " " * len(line)
-        elif _PERSON.search(line):
+        elif _PERSON.search(line) and not _LOGGED.search(line):
             kept = " " * len(line)
             for quoted in _QUOTED.finditer(line):
                 if " " in quoted[0] and not _PERSON.search(quoted[0]):
@@ -440,7 +442,7 @@ def _transactions(text: str) -> list[_Stated]:
     found = [*_TRANSACTIONS.finditer(text)]
     pairs = [(int(words[1] or words[4]), int(words[2] or words[3])) for words in found]
     if pairs and all(asked - answer == 1 for answer, asked in pairs):
-        return [_Stated.by(found[0], "each answer has the number of the request before")]
+        return [_Stated.by(found[0], "each answer has the number of the request before, so late by one")]
     if pairs and not any(asked == answer for answer, asked in pairs):
         answer, asked = pairs[0]
         return [_Stated.by(found[0], f"transaction {answer} answers, and {asked} was asked")]

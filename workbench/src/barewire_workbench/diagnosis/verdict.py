@@ -74,7 +74,9 @@ VERDICTS: dict[VerdictCode, str] = {
 """What each verdict says, in a sentence. This is the closed list."""
 
 
-UNDECIDED: frozenset[VerdictCode] = frozenset({"nothing-proved", "nothing-heard", "no-bytes", "open", "not-seen"})
+UNDECIDED: frozenset[VerdictCode] = frozenset(
+    {"nothing-proved", "nothing-heard", "no-bytes", "no-frames", "open", "not-seen"}
+)
 """Verdicts that name no cause; their sentence begins with that."""
 _KINDS_MAX, _KINDS_SHOWN = 1000, 5
 """The most pairs of a code and a place that are counted, and that a verdict names."""

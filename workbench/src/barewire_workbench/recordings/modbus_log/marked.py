@@ -214,7 +214,8 @@ _FEW = re.compile(
 )
 _STRING = re.compile(r"\"([^\"\\]{1,260})\"\s*$")
 _DIGITS = re.compile(r"[0-9A-Fa-f]+")
-_OPENINGS_MAX, _MARKS_WORD = 100, frozenset(":=>])}")
+_OPENINGS_MAX, _MARKS_WORD, _BEHIND = 100, frozenset(":=>])}"), frozenset(":=>])}|-")
+_OPENED = frozenset("[({<")
 _COMPLAINT = re.compile(r"(?i)\bCRC\b|checksum|invalid|incomplete|unexpected|discard|garbage|malformed|corrupt")
 """A program says so of what it received. Many print the bytes for a second time."""
 _SEPARATORS = re.compile(r"[\s:=>#\[(<\])-]*")
@@ -310,10 +311,11 @@ def _directed(plain: str, number: int, openings: set[str] | frozenset[str] = fro
     size = len(octets.data or octets.decimal or b"")
     if word.re is _COMPLAINT and size < _SHORTEST:
         return []  # of a message: "failed! 8011!=FFFF"
-    if size == 1 and word.re is _WORD:
+    if word.re is _WORD and not any(frame_pdu(name, data) for name in PROTOCOLS for data in octets[1:] if data):
         nearest = _last_word(before) or word
-        if not _SIZE.fullmatch(before[nearest.end() :]):
-            return []  # the last number of a sentence: "received a request for device 0x21. Registers: 0x1."
+        is_marked = before.rstrip()[-1:] in _BEHIND or plain[len(before) :].lstrip()[:1] in _OPENED
+        if (size < _SHORTEST or octets.data is None) and not (is_marked and _SIZE.fullmatch(before[nearest.end() :])):
+            return []  # numbers of a sentence: "received a request for device 0x21. Registers: 0x1.", "read 10-20"
     return [LogEntry(number, octets.data, sent, from_client, None, octets.decimal)]
 
 
@@ -488,9 +490,9 @@ def _with_sent_crc(lines: list[str], content: FormContent) -> FormContent:
     for entry in content.entries:
         data = entry.data or b""
         title = _EMODBUS_SENT.fullmatch(lines[entry.line - 2]) if entry.line > 1 else None
-        if title is not None and int(title["count"]) == len(data) and _is_without_crc(data):
+        if title is not None and int(title["count"]) == len(data) and is_without_crc(data):
             added.append(entry.line - 1)
-            entry = entry._replace(data=data + crc16(data).to_bytes(2, "little"))
+            entry = entry._replace(data=with_crc(data))
         entries.append(entry)
     if not added:
         return content
@@ -498,7 +500,12 @@ def _with_sent_crc(lines: list[str], content: FormContent) -> FormContent:
     return FormContent(entries, content.known, ((added[0], f"{text}{counted(len(added), 'frame')}"),))
 
 
-def _is_without_crc(data: bytes) -> bool:
+def with_crc(data: bytes) -> bytes:
+    """Return bytes with their CRC."""
+    return data + crc16(data).to_bytes(2, "little")
+
+
+def is_without_crc(data: bytes) -> bool:
     """Return whether the bytes are a unit and a PDU of RTU, and no more."""
     if len(data) < 3 or any(frame_pdu(protocol, data) is not None for protocol in ("rtu", "tcp")):
         return False

@@ -95,6 +95,9 @@ def read_pymodbus(lines: list[str], decided: object = None) -> FormContent:
     return log.content(decided)
 
 
+_PYMODBUS_EXTRA = re.compile(r"\s*extra data: ((?:0[xX][0-9a-fA-F]{1,2}\s*)+)")
+
+
 class _PymodbusLog:
     """The entries of a log of pymodbus, by the kind of their lines: one kind counts, the others repeat it."""
 
@@ -119,6 +122,13 @@ class _PymodbusLog:
             is_sent = word["word"].lower() == "send"
             if data or not is_sent:
                 entries = self.repeated if word["repeated"] else self.logged
+                extra = None if is_sent else _PYMODBUS_EXTRA.match(text, match.end("bytes"))
+                if (
+                    extra is not None
+                ):  # what the buffer had before: data of the last entry, or of a line that is not there
+                    kept = bytes(int(token, 16) for token in extra[1].split())
+                    is_known = entries and entries[-1].sent is False and (entries[-1].data or b"").endswith(kept)
+                    data = ((entries.pop().data if is_known else kept) or b"") + data
                 entries.append(LogEntry(number, data, is_sent, stamp=stamp))
 
     def add_other(self, number: int, line: str) -> None:

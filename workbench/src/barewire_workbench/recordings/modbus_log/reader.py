@@ -18,7 +18,7 @@ from math import inf
 from barewire.errors import DecodeError
 from barewire.modbus.messages.registry import decode_request, decode_response
 from barewire_workbench.frames.input import dump_line
-from barewire_workbench.frames.result import ProtocolName
+from barewire_workbench.frames.result import ProtocolName, counted
 from barewire_workbench.recordings.capture import (
     MODBUS_PORTS,
     ConnectionKey,
@@ -35,9 +35,11 @@ from barewire_workbench.recordings.modbus_log.marked import (
     common_protocol,
     frame_pdu,
     is_decimal,
+    is_without_crc,
     read_blocks,
     read_marked,
     recorder_is_client,
+    with_crc,
     with_transactions,
 )
 from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry, LoggedBytes, ModbusLog, Stamp
@@ -500,6 +502,11 @@ class _LogReader:
         entries = [_taken_out(entry) for entry in entries]
         if self._protocol is None:
             self._protocol = common_protocol([entry.data for entry in entries if entry.data])
+        added = ""
+        if self._protocol is None and entries and all(entry.data and is_without_crc(entry.data) for entry in entries):
+            entries = [entry._replace(data=with_crc(entry.data or b"")) for entry in entries]
+            self._protocol = "rtu"
+            added = f"no frame is printed with a CRC; to read them it is added to {counted(len(entries), 'frame')}"
         protocol = self._protocol
         if self.form is None and protocol is None and len(left) > len(entries):
             number, line = left[0]
@@ -534,7 +541,7 @@ class _LogReader:
         items += [self._left(*row) for row in waiting]
         if protocol == "tcp":
             items = with_transactions(items, self._open_numbers)
-        return ModbusLog(tuple(items), form, clock.timed, self._new_notes())
+        return ModbusLog(tuple(items), form, clock.timed, (*filter(None, [added]), *self._new_notes()))
 
     def _new_notes(self) -> tuple[str, ...]:
         notes, self._clock.notes = self._clock.notes, []

@@ -1,0 +1,137 @@
+"""Excerpts of logs, as people post them: what they do not show is not said, and pieces of one frame are one frame.
+
+TX: 01 06 04 04 00 00 C9 3B        requests alone: nobody is silent, the log shows one side only
+recv: 01 04 1C 00 01               13 of 33 bytes, and the log ends: it is cut by the excerpt, no fault of the line
+recv: 00 02 00 03 ...
+"""
+
+from __future__ import annotations
+
+from barewire.canopen import CanFrame, ErrorFrame
+from barewire_workbench.diagnosis.can_log import BusDiagnosis
+from barewire_workbench.diagnosis.modbus_log import ModbusLogDiagnosis
+from barewire_workbench.recordings.modbus_log import read_modbus_log
+from tests.helpers import every_case
+
+ASKED = "send: 01 03 00 00 00 02 C4 0B\n"
+ASKED_TCP = "send: 00 07 00 00 00 06 01 03 00 00 00 02\n"
+
+
+def told(text: str) -> tuple[list[str], str]:
+    """Return the findings and the verdicts on a text."""
+    diagnosis = ModbusLogDiagnosis(read_modbus_log(text.encode()))
+    findings = [found.sentence for found in diagnosis.findings()]
+    return findings, "\n".join(verdict.sentence for _, verdict in diagnosis.verdicts())
+
+
+@every_case(
+    ("text", "side"),
+    [
+        ("TX: 01 06 04 04 00 00 C9 3B\nTX: 01 06 04 04 00 00 C9 3B\n", "request to unit 1, Write Single Register"),
+        (
+            "12:00:01.000 send: 01 03 00 00 00 02 C4 0B\n12:00:09.000 send: 01 03 00 00 00 02 C4 0B\n",
+            "request to unit 1, ",
+        ),
+        ("12:00:01.000 recv: 01 04 04 00 00 01 10 FB D8\n", "response of unit 1, Read Input Registers, 2 registers"),
+        (
+            "Received packet (7 bytes) 0B 04 04 45 10 A1 64\nReceived packet (7 bytes) 0B 04 04 46 2E 4C 7D\n",
+            "response of",
+        ),
+    ],
+)
+def test_a_log_of_one_side_accuses_nobody_of_silence(text: str, side: str) -> None:
+    findings, verdicts = told(text)
+    assert findings == []
+    assert verdicts.startswith("verdict: undecided: ")
+    assert f"one side only: {side}" in verdicts
+    assert "[open]" not in verdicts
+
+
+def test_a_program_that_says_that_nothing_came_has_both_sides() -> None:
+    findings, _ = told(2 * "send: 0x1 0x3 0x0 0x0 0x0 0x2 0xc4 0xb\nrecv:\n")
+    assert [finding.partition("[")[2].partition("]")[0] for finding in findings] == ["no-answer", "no-answer"]
+
+
+@every_case(
+    "pieces",
+    [["01 03", "04 00", "17 00 07 0B F5"], ["01 03 04 00", "17 00 07 0B F5"], ["01 03 04 00 17 00 07 0B F5"]],
+)
+def test_pieces_of_one_response_are_one_frame(pieces: list[str]) -> None:
+    findings, verdicts = told(ASKED + "".join(f"recv: {piece}\n" for piece in pieces) + ASKED)
+    assert findings == []
+    assert "2 frames" in verdicts or "3 frames" in verdicts
+
+
+def test_a_response_that_the_end_of_the_log_cuts_is_no_fault() -> None:
+    findings, verdicts = told(
+        "send: 0x1 0x4 0x0 0x0 0x0 0xe 0x71 0xce\nrecv: 0x1 0x4 0x1c 0x0 0x1\nrecv: 0x0 0x2 0x0 0x3 0x0 0x4 0x0 0x5\n"
+    )
+    assert findings == []
+    assert verdicts.count("verdict: ") == 1
+    assert "the end of the last response, of unit 1: 13 of its 33 bytes are in the log" in verdicts
+
+
+def test_what_pymodbus_had_in_its_buffer_belongs_to_the_bytes_behind_it() -> None:
+    findings, verdicts = told(
+        ">>>>> send: 0x1 0x3 0x0 0x0 0x0 0x2 0xc4 0xb\n"
+        ">>>>> recv: 0x1 0x3 0x4 extra data:\n"
+        ">>>>> extra: unexpected data: 0x1 0x3 0x4\n"
+        ">>>>> recv: 0x0 0x17 0x0 0x7 0xb 0xf5 extra data: 0x1 0x3 0x4\n"
+    )
+    assert findings == []
+    assert "nothing wrong" in verdicts
+
+
+@every_case(
+    "words",
+    [
+        "I read registers 10-20 at 10:20, and it fails\n",
+        "the log said it read 12-13 at 14:15\n",
+        "I receive 34, 35, 36, 37 in place of them\n",
+        "the device answered on 05.11.2024 with version 1.2.3.4\n",
+    ],
+)
+def test_numbers_of_a_sentence_are_no_bytes(words: str) -> None:
+    findings, verdicts = told(words + ASKED + words + "recv: 01 03 04 00 17 00 07 0B F5\n")
+    assert findings == []
+    assert "2 frames, 1 request answered" in verdicts
+
+
+@every_case(
+    ("answer", "finding"),
+    [
+        ("00 07 00 00 00 01 01", "a header with length 1: the unit, and no function [mbap-header]"),
+        ("00 07 00 00 00 03 01 83 02 00 00 00 00 00", "behind a frame, which the length in its header does not count"),
+    ],
+)
+def test_a_wrong_length_in_the_header_is_named(answer: str, finding: str) -> None:
+    findings, _ = told(f"{ASKED_TCP}recv: {answer}\n")
+    assert len(findings) == 1
+    assert finding in findings[0]
+
+
+def test_sdo_requests_alone_are_one_side_of_a_log() -> None:
+    bus = BusDiagnosis()
+    for place in range(3):
+        assert bus.feed(CanFrame.parse(f"603#401810{place:02d}00000000"), 0.01 * place) == []
+    assert bus.end(0.03) == []
+    (verdict,) = bus.verdicts()
+    assert verdict.sentence.startswith(
+        "verdict: undecided: a part of the traffic was not seen [not-seen]: one side of SDO"
+    )
+    assert "0 " not in verdict.evidence.replace("0 from", "")
+
+
+def test_an_answer_that_does_not_state_its_size_is_legal() -> None:
+    bus = BusDiagnosis()
+    bus.feed(CanFrame.parse("603#4018100200000000"), 0.0)
+    bus.feed(CanFrame.parse("583#4218100205000000"), 0.01)
+    assert "does not state how many count (42h), which is allowed" in bus.verdicts()[0].evidence
+
+
+def test_an_error_frame_of_the_controller_is_told_and_no_fault_is_counted_from_it() -> None:
+    bus = BusDiagnosis()
+    bus.feed(ErrorFrame(0x204, bytes.fromhex("000C000000006060")), 0.0)
+    (verdict,) = bus.verdicts()
+    assert (verdict.code, verdict.text) == ("nothing-heard", "no frame of a node is read")
+    assert verdict.evidence.startswith("1 error frame read, the last: controller")
