@@ -163,11 +163,11 @@ def test_one_flaw_of_a_can_log_is_not_nothing_wrong(flaw: str, place: int) -> No
 
 
 def test_one_frame_alone_is_not_nothing_wrong() -> None:
-    for frame, code in (("585#8041600000000206", "refused"), ("585#4300100091010F00", "not-seen")):
+    for frame, code in (("585#8041600000000206", "refused"), ("585#4300100091010F00", "open")):
         assert [verdict.code for verdict in can_diagnosed([(1.0, CanFrame.parse(frame))])[1]] == [code]
     for log, codes in (
-        (b"Rx: 01 83 02 C0 F1\n", ["refused", "not-seen"]),
-        (b"Rx: 01 03 02 00 17 F8 4A\n", ["not-seen"]),
+        (b"Rx: 01 83 02 C0 F1\n", ["refused", "open"]),
+        (b"Rx: 01 03 02 00 17 F8 4A\n", ["open"]),
     ):
         assert [verdict.code for verdict in diagnosed(log)[1]] == codes
 
@@ -175,4 +175,4 @@ def test_one_frame_alone_is_not_nothing_wrong() -> None:
 def test_requests_of_a_log_without_times_are_one_side_of_it_if_nobody_answers() -> None:
     frames: Frames = [(0.0, CanFrame(0x605, bytes((0x40, place, 0x20, 0, 0, 0, 0, 0)))) for place in range(26)]
     (verdict,) = can_diagnosed(frames)[1]
-    assert verdict.code == "not-seen"
+    assert (verdict.code, verdict.text) == ("open", "this log shows one side only")

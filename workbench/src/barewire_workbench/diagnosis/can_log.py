@@ -111,7 +111,7 @@ class BusCounts:
         self.first = now if self.first is None else self.first
         self.last = max(self.last, now)
         if isinstance(frame, ErrorFrame):
-            self.error_frames, self.last_error = self.error_frames + 1, frame.text
+            self.error_frames, self.last_error = self.error_frames + 1, _error_text(frame)
             self.errors += bool(frame.classes & _FAULTS)
             in_acknowledgement = frame.classes & _PROTOCOL and frame.data[3:4] in _ACKNOWLEDGE_BITS
             self.unacknowledged += frame.classes & _FAULTS == _NO_ACKNOWLEDGEMENT or bool(in_acknowledgement)
@@ -247,6 +247,24 @@ class BusCounts:
         return LineVerdict("disturbed", "frames are damaged on the bus", evidence, other)
 
 
+_STATES = (
+    "receive overflow",
+    "transmit overflow",
+    "receive warning",
+    "transmit warning",
+    "receive passive",
+    "transmit passive",
+    "active again",
+)
+"""Bits of the second byte of an error frame of SocketCAN of the class of the controller."""
+
+
+def _error_text(frame: ErrorFrame) -> str:
+    state = frame.data[1] if frame.classes & _CONTROLLER and len(frame.data) > 1 else 0
+    bits = ", ".join(name for bit, name in enumerate(_STATES) if state >> bit & 1)
+    return f"{frame.text} ({bits})" if bits else frame.text
+
+
 def _dead(node: int, what: str, evidence: str) -> LineVerdict:
     return LineVerdict("dead-unit", f"node {node} {what}", evidence, "another node-ID, or a broken stub to this node")
 
@@ -352,7 +370,6 @@ class BusDiagnosis:
         """What the recording holds beside this bus, in words."""
         self.gaps = 0
         self._silences = 0
-        self._is_one_sided = False
         self._dialects = {node.node: node.commands for node in described}
         self._requests: dict[int, list[InitiatingFrame]] = {}  # channel -> its last two initiating requests
         self._toggled: dict[int, Gap] = {}  # node -> a toggle bit that did not alternate, if no segment is missing
@@ -408,8 +425,9 @@ class BusDiagnosis:
         proofs += [proved for node, proved in self._searched.items() if not self.counts.is_search(node)]
         self._searched.clear()
         for node, number in self._not_awaited.items():
-            self._is_one_sided = len(self.counts.sides) == 1
-            if not self._is_one_sided and not self.counts.may_be_search(node):
+            if len(self.counts.sides) == 1:
+                self.unsettled.one_side = f"each {''.join(self.counts.sides)} stands alone"
+            elif not self.counts.may_be_search(node):
                 self.unsettled.open[f"SDO transfer with node {node} without its other half"] += number
         self._not_awaited.clear()
         return self._at(proofs, now, 0)
@@ -429,7 +447,6 @@ class BusDiagnosis:
         self.unsettled.unseen = [
             *([f"{fd} of CAN FD, not decoded"] if counts.fd_frames else []),
             *([f"{gaps} in the recording"] if self.gaps else []),
-            *([f"one side of SDO, since each {''.join(counts.sides)} stands alone"] if self._is_one_sided else []),
             *self.left_out,
         ]
         if not causes and not counts.frames and not self.found.total:

@@ -90,8 +90,8 @@ _NO_VALUES = tuple(map(bytes.fromhex, ("7FFF", "8000", "FFFF", "7FFFFFFF", "8000
 """Registers that SunSpec and many makers send for what a device does not measure."""
 _EXCEPTION = 5
 """Bytes of an exception on a serial line."""
-_SIDE_SHOWN, _OTHER_SIDE = 3, "the other side"
-"""Frames of a log of one side that a verdict names, and what is not in such a log."""
+_SIDE_SHOWN = 3
+"""Frames of a log of one side that a verdict names."""
 _FEW = 16
 """Different refusals that are told apart by what was asked."""
 _DIAGNOSTICS, _LISTEN_ONLY = 0x08, b"\x00\x04"
@@ -148,6 +148,8 @@ class LineDiagnosis:
         self.one_side = ""
         """"requests" or "responses", if the log shows nothing else: then none of them stands alone."""
         self._of_one_side: list[str] = []  # the first frames of such a log
+        self.is_cut = False
+        """Whether the log ends with bytes, so that there may be more."""
         self.unread_at = -1.0
         """The time of the last line of the log whose bytes cannot be read: they may be the response."""
         self._listening: set[int] = set()  # units that were commanded to listen only
@@ -177,7 +179,7 @@ class LineDiagnosis:
         """Return whether the log ends within a response; that is no fault of the line."""
         noise = self._noise
         size = None if noise is None else self._due(noise)
-        if noise is None or size is None or len(noise.data) >= size or noise.from_client is not False:
+        if noise is None or size is None or len(noise.data) >= size or not self.is_cut:
             return False
         self._noise = None
         seen = f"{len(noise.data)} of its {size} bytes are in the log"
@@ -195,9 +197,6 @@ class LineDiagnosis:
         causes = counts.verdicts()
         if not counts.frames and not counts.noise_bytes:
             causes.append(LineVerdict("nothing-heard", "nothing was received", "no byte"))
-        if self._of_one_side:
-            shown = f"this log shows one side only: {', '.join(self._of_one_side)}"
-            return causes or verdicts_without_cause(self.found, self.unsettled, f"{shown}; {counts.seen()}")
         differences = list(self._refusals.differences())[:_DIFFERENCES]
         return causes or verdicts_without_cause(self.found, self.unsettled, "; ".join([counts.seen(), *differences]))
 
@@ -440,7 +439,7 @@ class LineDiagnosis:
         if len(self._of_one_side) < _SIDE_SHOWN:
             what = "request to" if role == "request" else "response of"
             self._of_one_side.append(f"{what} unit {frame.unit}, {explain_pdu(frame.pdu, role).summary}")
-        self.unsettled.unseen = [*filter(_OTHER_SIDE.__ne__, self.unsettled.unseen), _OTHER_SIDE]
+            self.unsettled.one_side = ", ".join(self._of_one_side)
 
     def _end_broadcast(self, event: SnifferEvent | None) -> Iterator[Located]:
         """Decide about a request to read of unit 0, now that the next event is known."""

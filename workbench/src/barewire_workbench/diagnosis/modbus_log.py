@@ -58,6 +58,8 @@ class ModbusLogDiagnosis:
         self._left_out: list[str] = []
         self._envelopes = Envelopes()
         self._one_side = _one_side(log) if whole else ""
+        last = log.items[-1] if whole and log.items else None
+        self._is_cut = isinstance(last, LoggedBytes) and last.from_client is False and len(last.data) > 0
         self._sniffers = LogSniffers(log, window, protocol, self._wrapped)
 
     def __repr__(self) -> str:
@@ -70,7 +72,7 @@ class ModbusLogDiagnosis:
         if name not in self.lines:
             self.lines[name] = LineDiagnosis(protocol, timed=self.log.timed)
             self.lines[name].repeated = self._repeated
-            self.lines[name].one_side = self._one_side
+            self.lines[name].one_side, self.lines[name].is_cut = self._one_side, self._is_cut
         if len(self.lines) == 2:  # one alone has no name
             for other, diagnosis in self.lines.items():
                 diagnosis.name = other

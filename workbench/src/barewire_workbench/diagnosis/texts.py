@@ -183,7 +183,11 @@ _STATED: tuple[tuple[str, str], ...] = (
     (r"Cleanup recv buffer before send", "bytes were in the buffer when the next request was sent"),
     (r"NOT REQUESTED transaction", "an answer has a transaction number that no waiting request has"),
     (r"(?i)received (\w+)\W+calculated \1\b", _EQUAL),
-    (r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|no communication with|\b(?:did|does) not respond", _SILENT),
+    (
+        r"(?i)no (?:\w+ ){0,2}(?:response|answer|reply)|no communication with|"
+        r"\b(?:did|does) not (?:respond|receive (?:a |any )?response)",
+        _SILENT,
+    ),
     (
         r"(?i)(?<![\w.])timed?[-_ ]?out(?:error)?\b(?!\W{0,2}[=:(]\W*\d| ?(?:setting|of |to |\d))|ETIMEDOUT|"
         r"_TIMEOUT\b|TransactionTimedOut",

@@ -96,18 +96,22 @@ class Unsettled:
         self.refused: Counter[str] = Counter()
         self.open: Counter[str] = Counter()
         self.unseen: list[str] = []
+        self.one_side = ""  # what a log shows that has nothing of the other side
 
     def __repr__(self) -> str:
         return f"<{type(self).__name__}: {self.refused.total()} refused, {self.open.total()} open>"
 
     def __str__(self) -> str:
-        return "; ".join(text for text in (_most(self.refused), _most(self.open), ", ".join(self.unseen)) if text)
+        return "; ".join(
+            text for text in (_most(self.refused), _most(self.open), self.one_side, ", ".join(self.unseen)) if text
+        )
 
     def verdicts(self, seen: str) -> list[LineVerdict]:
-        """Return at most one verdict on each of the three; `seen` is what was counted."""
+        """Return at most one verdict on each; `seen` is what was counted."""
         kinds: tuple[tuple[VerdictCode, str, str], ...] = (
             ("refused", "a device refused or reported something", _most(self.refused)),
             ("open", "not every request and response has its other half", _most(self.open)),
+            ("open", "this log shows one side only", self.one_side),
             ("not-seen", "a part of the traffic was not seen", ", ".join(self.unseen)),
         )
         return [LineVerdict(code, text, f"{evidence}; {seen}") for code, text, evidence in kinds if evidence]

@@ -263,9 +263,10 @@ def read_marked(lines: list[str]) -> FormContent:
 def _is_printed_twice(last: LogEntry, marked: list[LogEntry], before: str, line: str) -> bool:
     """Return whether the bytes of the last entry are printed again at the same time, by another part of the program."""
     entry = marked[0]
-    if len(marked) > 1 or not entry.data or (entry.data, entry.sent) != (last.data, last.sent):
+    said = entry.data, entry.decimal, entry.sent
+    if len(marked) > 1 or not (entry.data or entry.decimal) or said != (last.data, last.decimal, last.sent):
         return False
-    if _COMPLAINT.search(line):
+    if _COMPLAINT.search(line) or _COMPLAINT.search(before):
         return True
     at_once = (
         entry.stamp is not None and last.stamp is not None and abs(entry.stamp.seconds - last.stamp.seconds) < 0.02

@@ -53,7 +53,7 @@ from barewire_workbench.recordings.modbus_log.octets import (
     split_octets,
     without_stamp,
 )
-from barewire_workbench.recordings.modbus_log.posted import read_posted, whole_frames, without_markup
+from barewire_workbench.recordings.modbus_log.posted import Posted, read_posted, whole_frames, without_markup
 from barewire_workbench.recordings.modbus_log.programs import (
     read_bytewise,
     read_libmodbus,
@@ -63,7 +63,7 @@ from barewire_workbench.recordings.modbus_log.programs import (
 )
 from barewire_workbench.recordings.model import LeftOut, Unread, unread
 from barewire_workbench.recordings.source import RecordingSource
-from barewire_workbench.sniffer import readable
+from barewire_workbench.sniffer import readable, shapes
 
 _EARLY_SEGMENTS = 64
 """The most segments that wait for a missing one before it is skipped."""
@@ -370,6 +370,7 @@ class _LogReader:
 
     def _posted(self, lines: list[str]) -> ModbusLog | None:
         found = read_posted(lines)
+        found = [this for before, this in zip([None, *found], found) if before is None or not _is_quoted(before, this)]
         if not found:
             return None
         taken = {posted.entry.line for posted in found}
@@ -607,6 +608,12 @@ class _LogReader:
         log = self._assembled("bytes", entries, left)
         self._is_prefixed = True
         return log
+
+
+def _is_quoted(before: Posted, this: Posted) -> bool:
+    """Return whether a response stands twice in a row in a text: the second time it is quoted."""
+    pdu = frame_pdu("rtu", this.entry.data or b"") if before.entry.data == this.entry.data else None
+    return pdu is not None and shapes(pdu) == (False, True)
 
 
 def _taken_out(entry: LogEntry) -> LogEntry:
