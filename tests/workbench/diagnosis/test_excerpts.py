@@ -62,6 +62,12 @@ def test_pieces_of_one_response_are_one_frame(pieces: list[str]) -> None:
     assert "2 frames" in verdicts or "3 frames" in verdicts
 
 
+def test_the_answer_to_a_second_request_that_is_not_in_the_log_is_not_late() -> None:
+    findings, verdicts = told("send: 54 02 00 00 00 06 01 03 00 00 00 02\nrecv: 54 01 00 00 00 06 01 06 00 07 00 01\n")
+    assert findings == []
+    assert "1 response of unit 1 without its request" in verdicts
+
+
 def test_a_response_that_is_quoted_again_is_read_once() -> None:
     data = "1, 3, 4, 255, 255, 255, 255, 251, 167"
     said = f"Checksums failed to match {data}\nThis is it:\nRX: {data}\n"

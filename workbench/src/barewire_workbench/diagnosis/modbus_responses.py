@@ -96,7 +96,8 @@ class OpenRequests:
         if event.transaction is None:
             return None
         fitting = self.fitting(event)
-        of_unit = (seen for seen in reversed(self.by_transaction.values()) if seen.unit == event.unit)
+        alike = event.unit, event.pdu[0] & ~EXCEPTION_BIT  # one of another function may be due to a second request
+        of_unit = (seen for seen in reversed(self.by_transaction.values()) if (seen.unit, seen.pdu[0]) == alike)
         asked = fitting or next(of_unit, None)
         if asked is None or not 0 < (asked.transaction or 0) - event.transaction <= _JUST_BEFORE:
             return None
@@ -104,12 +105,10 @@ class OpenRequests:
         fits = ": unit, function and length fit" if fitting else ", which this is not the response to"
         proof = f"asked: {explain_pdu(asked.pdu, 'request').summary}{fits}"
         if fitting:
-            return asked, Finding(
-                "wrong-answer", f"{numbers}: the response to an earlier request, if the device is right", proof
-            )
-        return asked, Finding(
-            "late-answer", f"{numbers}: an earlier request has its response late, if the device is right", proof
-        )
+            text = f"{numbers}: the response to an earlier request, if the device is right"
+            return asked, Finding("wrong-answer", text, proof)
+        text = f"{numbers}: an earlier request has its response late, if the device is right"
+        return asked, Finding("late-answer", text, proof)
 
     def late_for(self, event: ResponseSeen) -> RequestSeen | None:
         """Return the request that was given up and that this response answers."""

@@ -232,24 +232,17 @@ _IS_DEBUG = re.compile(r"\b(?:DEBUG|TRACE)\b|\b[DV] \(\d+\) |\[(?:VV?|D)\]")
 _PROSE = re.compile(r"(?:\b[A-Za-z']{2,}\b,? +){4}")
 """Words of a sentence: bytes beside them may be a part of a frame, or an example."""
 _NUMBER = re.compile(r"(?i)exception[ _]?(?:code)?[\"']?\s*[:=]?\s*[('\"]*(0x[0-9a-f]{1,2}|\d{1,2})\b(?!\d)(?!,)")
-_NAMES = {
-    "illegalfunction": 1,
-    "illegaladdress": 2,
-    "illegaldataaddress": 2,
-    "illegalvalue": 3,
-    "illegaldatavalue": 3,
-    "slavefailure": 4,
-    "devicefailure": 4,
-    "slavebusy": 6,
-    "devicebusy": 6,
-    "serverfailure": 4,
-    "serverbusy": 6,
-    "memoryparityerror": 8,
-    "gatewaypathunavailable": 10,
-    "gatewaypathsunavailable": 10,
-    "gatewaynoresponse": 11,
-    "targetdevicefailedtorespond": 11,
-}
+_EXCEPTIONS = (
+    (1, "illegalfunction"),
+    (2, "illegaladdress illegaldataaddress"),
+    (3, "illegalvalue illegaldatavalue"),
+    (4, "slavefailure devicefailure serverfailure"),
+    (6, "slavebusy devicebusy serverbusy"),
+    (8, "memoryparityerror"),
+    (10, "gatewaypathunavailable gatewaypathsunavailable"),
+    (11, "gatewaynoresponse targetdevicefailedtorespond"),
+)
+_NAMES = {name: number for number, names in _EXCEPTIONS for name in names.split()}
 _NAME = re.compile(
     r"(?i)illegal[ _]?(?:function|(?:data[ _]?)?(?:address|value))|(?:slave|server|device)[ _]?(?:failure|busy)|"
     r"gateway[ _]?(?:no[ _]?response|paths?[ _]?unavailable)|memory[ _]?parity[ _]?error|"
@@ -287,8 +280,7 @@ class _Stated(NamedTuple):
 
 
 def _said(stated: list[_Stated]) -> str:
-    """Return the known words of a text with their meaning: that they stand there is certain, that a program wrote them
-    is not."""
+    """Return the known words of a text with their meaning."""
     if not stated:
         return "no message that is known here"
     return "; ".join(f'"{words}" (line {line}): {what}' for what, words, line in stated)
@@ -311,14 +303,12 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
     if readings:
         return LineVerdict("not-seen", NO_WHOLE_FRAMES, "; ".join([*readings[:_SHOWN], *([said] if stated else [])]))
     if pieces:
-        return LineVerdict("not-seen", NO_WHOLE_FRAMES, f"{_shown(pieces)}; {said}{_more(text, stated)}")
+        return LineVerdict(
+            "not-seen", NO_WHOLE_FRAMES, f"{', '.join(map(shown_digits, pieces[:_SHOWN]))}; {said}{_more(text, stated)}"
+        )
     return LineVerdict(
         "no-bytes", "no frame is read in this text, so that no cause is proved", said + _more(text, stated)
     )
-
-
-def _shown(pieces: list[bytes]) -> str:
-    return ", ".join(map(shown_digits, pieces[:_SHOWN]))
 
 
 def _more(text: str, stated: Collection[_Stated]) -> str:

@@ -216,6 +216,8 @@ _STRING = re.compile(r"\"([^\"\\]{1,260})\"\s*$")
 _DIGITS = re.compile(r"[0-9A-Fa-f]+")
 _OPENINGS_MAX, _MARKS_WORD, _BEHIND = 100, frozenset(":=>])}"), frozenset(":=>])}|-")
 _OPENED = frozenset("[({<")
+_LONG = "\0"
+"""Before an opening behind which four bytes or more stand."""
 _COMPLAINT = re.compile(r"(?i)\bCRC\b|checksum|invalid|incomplete|unexpected|discard|garbage|malformed|corrupt")
 """A program says so of what it received. Many print the bytes for a second time."""
 _SEPARATORS = re.compile(r"[\s:=>#\[(<\])-]*")
@@ -286,7 +288,8 @@ def _directed(plain: str, number: int, openings: set[str] | frozenset[str] = fro
     """Return the entries of a line whose time is blank. Behind an opening of other bytes a few digits are bytes too."""
     octets = split_octets(plain)
     if isinstance(openings, set) and octets is not None and len(openings) < _OPENINGS_MAX:
-        openings.add(octets.before.strip())
+        is_long = len(octets.data or b"") >= _SHORTEST
+        openings.update((octets.before.strip(), *([_LONG + octets.before.strip()] if is_long else [])))
     if octets is None and openings:
         octets = _few(plain, openings) or _string(plain, openings)
     if octets is None and (single := _SINGLE.search(plain)) is not None:
@@ -315,7 +318,8 @@ def _directed(plain: str, number: int, openings: set[str] | frozenset[str] = fro
     if word.re is _WORD and not any(frame_pdu(name, data) for name in PROTOCOLS for data in octets[1:] if data):
         nearest = _last_word(before) or word
         is_marked = before.rstrip()[-1:] in _BEHIND or plain[len(before) :].lstrip()[:1] in _OPENED
-        if (size < _SHORTEST or octets.data is None) and not (is_marked and _SIZE.fullmatch(before[nearest.end() :])):
+        is_behind = is_marked and _SIZE.fullmatch(before[nearest.end() :])
+        if (size < _SHORTEST or octets.data is None) and not (is_behind or _LONG + before.strip() in openings):
             return []  # numbers of a sentence: "received a request for device 0x21. Registers: 0x1.", "read 10-20"
     return [LogEntry(number, octets.data, sent, from_client, None, octets.decimal)]
 
