@@ -343,7 +343,7 @@ def _messages(text: str) -> str:
     quoted remains.
 
     >>> _messages('If it fails it says "no response" here')
-    '                        "no response"     '
+    '                    "no response"     '
     """
     lines = []
     for line in text.split("\n"):
