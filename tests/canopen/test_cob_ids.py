@@ -98,3 +98,14 @@ def test_restricted_identifiers() -> None:
 def test_flags_of_a_cob_id_object(word: int, entry: CobEntry) -> None:
     assert CobEntry.unpack(word) == entry
     assert entry.pack() == word
+
+
+@pytest.mark.parametrize("entry", [CobEntry(0x800), CobEntry(0x2000_0000, extended=True), CobEntry(-1)])
+def test_an_identifier_that_does_not_fit_is_refused(entry: CobEntry) -> None:
+    with pytest.raises(EncodeError, match=r"expected (11|29) bits"):
+        entry.pack()
+
+
+def test_a_broadcast_of_one_node_is_refused() -> None:
+    with pytest.raises(EncodeError, match="SYNC has no node"):
+        cob_id("SYNC", 5)

@@ -3,11 +3,10 @@
         10  9  8  7 | 6  5  4  3  2  1  0
        function code|      node-ID              605h = 1100 | 0000101  = SDO request to node 5
 
-On CAN the lowest identifier wins the arbitration, so the table below is also the order of priority: network management,
-SYNC, emergencies, process data, parameters, heartbeats.
+On CAN the lowest identifier wins the arbitration, so the table below is also the order of priority.
 
-Some manuals (that of the AZ3, for example) print the COB-IDs of PDOs *without* the node-ID (200h, 180h ...). The
-identifier on the bus is the printed number plus the node-ID, which is what `cob_id` returns.
+Some manuals (such as that of the AZ3) print the COB-IDs of PDOs *without* the node-ID (200h, 180h ...), which is added
+on the bus.
 """
 
 from __future__ import annotations
@@ -83,7 +82,7 @@ def check_node_ids(name: str, nodes: object) -> None:
 
 
 def cob_id(service: ServiceName, node: int | None = None) -> int:
-    """Return the identifier of a service; `node` is needed unless the service is a broadcast. Raise EncodeError.
+    """Return the identifier of a service of a node; a broadcast has no node. Raise EncodeError.
 
     >>> f"{cob_id('SDO request', 5):X}h", f"{cob_id('TPDO1', 15):X}h", f"{cob_id('SYNC'):X}h"
     ('605h', '18Fh', '80h')
@@ -92,6 +91,8 @@ def cob_id(service: ServiceName, node: int | None = None) -> int:
     if row is None:
         raise EncodeError(f"service {service!r}: expected one of {', '.join(_BY_NAME)}")
     if row.broadcast:
+        if node:
+            raise EncodeError(f"{service} has no node: got node {shown(node)}", "node")
         return row.base
     if node is None:
         raise EncodeError(f"{service} has one identifier for each node: expected a node")
@@ -158,7 +159,10 @@ class CobEntry(NamedTuple):
         return bool(word >> 29 & 1) or not word & 0x1FFF_F800
 
     def pack(self) -> int:
-        """Return the 32 bits of the object."""
+        """Return the 32 bits of the object. Raise EncodeError if the identifier does not fit 11 bits, or 29."""
+        bits = 29 if self.extended else 11
+        if self.identifier >> bits:
+            raise EncodeError(f"identifier {self.identifier:X}h: expected {bits} bits", "identifier")
         return self.identifier | self.extended << 29 | self.bit30 << 30 | self.bit31 << 31
 
 

@@ -116,7 +116,9 @@ def test_every_identifier_agrees_with_the_package() -> None:
 @pytest.mark.parametrize("node", [1, 15, 64, 127])
 def test_the_list_has_the_identifiers_of_the_node(node: int) -> None:
     rows = cob_id_steps(cob_id("SDO request", node)).tables[-1].rows
-    assert [row[3] for row in rows] == [f"{cob_id(service.name, node):X}h" for service in SERVICES]
+    assert [row[3] for row in rows] == [
+        f"{cob_id(service.name, 0 if service.broadcast else node):X}h" for service in SERVICES
+    ]
     assert [int(row[1], 2) for row in rows] == [service.function_code for service in SERVICES]
 
 

@@ -1,6 +1,6 @@
 """can-text, cob-id, cob-restricted, cob-entry: CAN frames and their identifiers."""
 
-from texts import Refused, hexed, octets
+from texts import Refused, hexed, octets, within
 
 HEX = "0123456789ABCDEFabcdef"
 SINGLE = {"NMT": 0x000, "SYNC": 0x080, "TIME": 0x100, "LSS answer": 0x7E4, "LSS request": 0x7E5}
@@ -66,9 +66,9 @@ def encode_cob_id(given):
     """service, node -> cob_id"""
     service, node = given["service"], given["node"]
     if service in SINGLE:
+        within(node, 0, 0)
         return {"cob_id": identified(SINGLE[service], False)}
-    if not 1 <= node <= 127:
-        raise Refused("value")
+    within(node, 1, 127)
     return {"cob_id": identified(BASES[service] + node, False)}
 
 
@@ -95,8 +95,10 @@ def restricted(given):
 
 def encode_entry(given):
     """identifier, extended, bit30, bit31 -> value"""
+    identifier = int(given["identifier"], 16)
+    within(identifier, 0, 0x1FFFFFFF if given["extended"] else 0x7FF)
     flags = given["bit31"] << 31 | given["bit30"] << 30 | given["extended"] << 29
-    return {"value": f"{flags | int(given['identifier'], 16):08X}"}
+    return {"value": f"{flags | identifier:08X}"}
 
 
 def decode_entry(given):

@@ -9,8 +9,10 @@ def widths(entries):
     found = []
     for entry in entries:
         bits, kind = int(entry["entry"][6:], 16), entry["type"]
-        if kind:
-            most = 1 if kind == "bool" else int(kind[1:])
+        if bits == 0:
+            raise Refused("value")
+        if kind and kind != "bool":  # a bool has one bit; that some fill whole bytes with it is left open
+            most = int(kind[1:])
             if bits > most or (kind[0] == "f" and bits != most):
                 raise Refused("value")
         found.append(bits)
@@ -30,8 +32,7 @@ def encode(given):
             else:
                 raw = int(text)
                 lowest = -(1 << bits - 1) if kind[0] == "i" else 0
-                if not lowest <= raw < lowest + (1 << bits):
-                    raise Refused("value")
+                within(raw, lowest, 1 if kind == "bool" else lowest + (1 << bits) - 1)
             row |= (raw & (1 << bits) - 1) << at
         at += bits
     return {"data": hexed(row.to_bytes((at + 7) // 8, "little"))}

@@ -247,7 +247,7 @@ function unpack({ bits, type }, number) {
 function mapped(entries) {
   const row = entries.map(({ entry, type, value }) => ({ bits: parseInt(entry.slice(6), 16), type, value }));
   const total = row.reduce((sum, { bits }) => sum + bits, 0);
-  refuseUnless(total <= 64, 'value', `${total} bits`);
+  refuseUnless(total <= 64 && row.every(({ bits }) => bits > 0), 'value', `${total} bits`);
   return { row, size: Math.ceil(total / 8) };
 }
 

@@ -47,8 +47,10 @@ export class SdoClient {
     return this.state(frame);
   }
 
+  /** Time passes: a receiver of blocks acknowledges what it has, and any other client has waited in vain. */
   wait() {
-    return this.ends === 'running' && this.state === this.blocksIn && !this.receiver.complete ? [this.receiver.acknowledge()] : [];
+    if (this.ends !== 'running') return [];
+    return this.state === this.blocksIn && !this.receiver.complete ? [this.receiver.acknowledge()] : this.abort('05040000');
   }
 
   abort(code) {
