@@ -100,6 +100,7 @@ def test_a_device_that_does_not_answer_as_it_must_passes_nothing(
         ({"node": 5, "has": [], "objects": {}}, [], "objects has no 1000:00"),
         ({"node": 5, "has": [], "objects": {"1000:00": "zz"}}, [], "ValueError"),
         ({"node": 5, "has": [], "objects": {"1000:00": "00"}}, [5], "TypeError"),
+        ({"node": 5, "has": [], "objects": {"1000:00": "00"}}, [""], "TypeError: '' is no list"),
         ({"node": 5, "has": [], "objects": {"1000:00": "00"}}, [], "lacks LSS, and the case needs it"),
     ],
 )

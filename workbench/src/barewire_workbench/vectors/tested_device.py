@@ -38,7 +38,7 @@ def failure_of_answer(given: Mapping[str, Any], answered: Mapping[str, Any]) -> 
     """Return how what was received differs from what the case accepts of this device; nothing if it does not."""
     try:
         subject = _subject(answered["device"])
-        received = [[_text(frame) for frame in frames] for frames in answered["received"]]
+        received = [_texts(frames) for frames in _list(answered["received"])]
     except (KeyError, TypeError, ValueError, AttributeError) as error:
         return f"the answer needs device (node, has, objects) and received: {type(error).__name__}: {error}"
     try:
@@ -54,9 +54,7 @@ def failure_of_answer(given: Mapping[str, Any], answered: Mapping[str, Any]) -> 
 def _subject(device: Mapping[str, Any]) -> Subject:
     objects = {_place(name): _bytes(value) for name, value in device["objects"].items()}
     numbers = (int.from_bytes(objects.get((0x1018, sub), b""), "little") for sub in (1, 2, 3, 4))
-    if not isinstance(device["has"], list):
-        raise TypeError("has is a list of texts")
-    has = [_text(condition) for condition in device["has"]]
+    has = _texts(device["has"])
     large = _place(device["large"]) if LARGE in has else None
     node = device["node"]
     if isinstance(node, bool) or node not in range(1, 128):
@@ -78,7 +76,15 @@ def _bytes(text: str) -> bytes:
     return bytes.fromhex(text.replace(" ", ""))
 
 
-def _text(item: Any) -> str:
-    if not isinstance(item, str):
-        raise TypeError(f"{item!r} is no text")
+def _list(item: Any) -> list[Any]:
+    if not isinstance(item, list):
+        raise TypeError(f"{item!r} is no list")
     return item
+
+
+def _texts(item: Any) -> list[str]:
+    texts = _list(item)
+    for text in texts:
+        if not isinstance(text, str):
+            raise TypeError(f"{text!r} is no text")
+    return texts
