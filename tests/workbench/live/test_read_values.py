@@ -86,7 +86,7 @@ def test_a_fifth_of_the_answers_lost_or_damaged_changes_no_value(name: str) -> N
         right = {value.parameter.name: value.reading for value in read_values(machine, names)}
     with (
         ModbusServer("rtu://pty", units_of(name), faults="drop:0.1,flip:0.1", fault_seed=4) as server,
-        connect(name, f"{server.url}?timeout=0.1&late_window=0.1", unit=1) as machine,
+        connect(name, f"{server.url}?timeout=0.15&late_window=1.5", unit=1) as machine,  # late, on a busy computer
     ):
         values = read(machine, names)
     assert [value.parameter.name for value in values] == names
