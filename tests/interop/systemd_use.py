@@ -15,7 +15,7 @@ from barewire.errors import BarewireError
 
 UNIT = "barewire-gateway"
 CONFIG = Path("/etc/barewire/gateway.toml")
-PATIENCE = 60.0
+PATIENCE = 240.0
 
 
 def systemctl(*arguments: str) -> int:
