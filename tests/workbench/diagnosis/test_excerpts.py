@@ -7,7 +7,10 @@ recv: 00 02 00 03 ...
 
 from __future__ import annotations
 
+import pytest
+
 from barewire.canopen import CanFrame, ErrorFrame
+from barewire.errors import DecodeError
 from barewire_workbench.diagnosis.can_log import BusDiagnosis
 from barewire_workbench.diagnosis.modbus_log import ModbusLogDiagnosis
 from barewire_workbench.recordings.modbus_log import read_modbus_log
@@ -148,3 +151,59 @@ def test_an_error_frame_of_the_controller_is_told_and_no_fault_is_counted_from_i
     assert (verdict.code, verdict.text) == ("nothing-heard", "no frame of a node is read")
     assert verdict.evidence.startswith("1 error frame read, the last: controller")
     assert "(receive warning, transmit warning)" in verdict.evidence
+
+
+@every_case(
+    ("text", "said"),
+    [
+        (
+            ASKED + "recv: 01 03 04 00 17 00 07 0B F6\n" + ASKED,
+            "a whole response by its length, whose CRC is 0B F6, and 0B F5 fits",
+        ),
+        ("send: 01 03 00 10 00 02 55 66\n", "a whole request by its length, whose CRC is 55 66, and C5 CE fits"),
+        ("it shows 01 83 02 00 00 for that\n", "a whole response by its length, whose CRC is 00 00, and C0 F1 fits"),
+    ],
+)
+def test_a_frame_of_which_only_the_crc_does_not_fit_is_called_that(text: str, said: str) -> None:
+    findings, _ = told(text)
+    assert [finding.partition("[")[2].partition("]")[0] for finding in findings] == ["crc-wrong"]
+    assert said in findings[0]
+
+
+def test_bytes_may_be_cut_in_one_direction_and_have_another_crc_in_the_other() -> None:
+    findings, _ = told("the bytes that are sent: 01 03 80 12 33 44 55 66\n")
+    text = "the beginning of a response, 125 bytes are to come, or a whole request by its length, whose CRC is 55 66"
+    assert f"{text}, and D8 CC fits [no-frame]: " in findings[0]
+
+
+def test_lines_of_bytes_below_a_heading_that_begin_alike_are_an_answer_each() -> None:
+    rows = "00 01 03 04 00 17 00 07 0B\n00 01 03 04 00 18 00 07 3B\n"
+    findings, _ = told("the request:\n01 03 00 00 00 02 C4 0B\nthe response:\n" + rows)
+    assert len(findings) == 2
+    for finding in findings:
+        assert "1 byte before the response: 00 [noise-before]" in finding
+        assert "its last 1 byte not read" in finding
+
+
+def test_a_request_of_the_diagnostics_is_no_write() -> None:
+    _, verdicts = told("01 08 00 00 12 34 ED 7C\n01 03 00 00 00 02 C4 0B\n")
+    assert "1 diagnostic request to unit 1, or its equal response" in verdicts
+
+
+@every_case("end", [" ...", " ... 14 more bytes>", "…", " xx xx xx xx"])
+def test_bytes_that_a_program_printed_in_part_are_no_cut_frame(end: str) -> None:
+    findings, verdicts = told(ASKED + f"recv: 01 03 04 00{end}\n" + ASKED + "recv: 01 03 04 00 17 00 07 0B F5\n")
+    assert findings == []
+    assert "1 request to unit 1 before bytes that cannot be read" in verdicts
+
+
+def test_a_text_of_bytes_in_part_is_not_read_as_a_log() -> None:
+    with pytest.raises(DecodeError):
+        read_modbus_log(b"the handler has <Buffer 01 04 20 00 00 00 05 00 00 ... > for now\n")
+
+
+def test_the_same_byte_before_each_answer_is_no_disturbance() -> None:
+    rows = "".join(f"recv: 00 01 03 04 00 17 00 07 0B\n{ASKED}" for _ in range(4))
+    findings, verdicts = told(ASKED + rows)
+    assert len(findings) == 4
+    assert "[disturbed]" not in verdicts

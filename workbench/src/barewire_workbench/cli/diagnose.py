@@ -164,7 +164,7 @@ def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
             if words is not None and words.text == NO_WHOLE_FRAMES and len(text) < _TEXT_MAX:
                 listed = list(findings)
                 if not any(line.counts.frames for line in diagnosis.lines.values()) and all(
-                    found.finding.code == "no-frame" for found in listed
+                    found.finding.text.endswith((" outside of a frame", " without a frame")) for found in listed
                 ):
                     printer.verdicts([("", words)])
                     return

@@ -105,7 +105,8 @@ class LineCounts:
         verdicts = [*self._readings(), *self._direction(), *self._two_masters(), *self._addresses()]
         if not verdicts and not self.frames and self.kinds["no-frame"]:
             verdicts.append(self._no_frames())
-        damaged = self.bursts - self.first_lost - self.last_lost - self.strange - self.kinds["late-answer"]
+        damaged = self.bursts - self.first_lost - self.last_lost - self.strange
+        damaged -= self.kinds["late-answer"] + self.kinds["noise-before"]  # which are good frames
         explained = {verdict.code for verdict in verdicts} - {"dead-unit", "no-answers", "echo", "two-masters"}
         if self.serial and not explained and damaged >= PROVES and damaged >= _SHARE * self.frames:
             verdicts.append(self._disturbed(damaged))

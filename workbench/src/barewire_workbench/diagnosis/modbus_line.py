@@ -43,6 +43,7 @@ from barewire_workbench.diagnosis.modbus_responses import (
     long_exception,
     turned,
     unused_bits,
+    wrong_crc,
 )
 from barewire_workbench.diagnosis.verdict import (
     FindingCounts,
@@ -358,7 +359,11 @@ class LineDiagnosis:
             counts.bursts -= 1
             self.unsettled.open[part] += 1
             return
-        findings = findings or compared(noise.data, reversed(self._seen))
+        other = wrong_crc(noise.data, role, is_cut) if self.protocol == "rtu" and (begins or not unit) else []
+        if is_cut and other:  # a whole frame, or if no direction is known the beginning of one in the other direction
+            text = f"{findings[0].text}, or {other[0].text}"
+            findings = other if role is not None else [other[0]._replace(code="no-frame", text=text)]
+        findings = findings or compared(noise.data, reversed(self._seen)) or other
         self._seen.append(noise)
         if is_first and findings and findings[0].code == "byte-lost" and findings[0].text.startswith("the first"):
             counts.bursts -= 1
@@ -488,7 +493,8 @@ class LineDiagnosis:
         counts.requests += 2
         counts.halves += 2
         fields = "another value" if first.pdu[1:3] == event.pdu[1:3] else "another address"
-        what = f"write to unit {event.unit} and a response with {fields}, or two writes without their responses"
+        what = _written(event)
+        what += f" to unit {event.unit} and a response with {fields}, or two {what}s without their responses"
         self.unsettled.open[what] += 1
 
     def _end_half(self) -> Iterator[Located]:
@@ -497,7 +503,7 @@ class LineDiagnosis:
         if half is not None:
             self.counts.unit(half.unit).requests += 1
             self.counts.unit(half.unit).halves += 1
-            self.unsettled.open[f"write to unit {half.unit}, or its equal response"] += 1
+            self.unsettled.open[f"{_written(half)} to unit {half.unit}, or its equal response"] += 1
             yield from self._wrong_value(half)
 
     def _wrong_value(self, request: RequestSeen | AmbiguousFrame) -> Iterator[Located]:
@@ -772,6 +778,10 @@ class LineDiagnosis:
         if request.pdu[0] == _DIAGNOSTICS and request.pdu[1:3] == _LISTEN_ONLY:
             self._listening.add(request.unit)
         return request.unit in self._listening
+
+
+def _written(half: AmbiguousFrame) -> str:
+    return "write" if half.pdu[0] != _DIAGNOSTICS else "diagnostic request"
 
 
 def _table_of(request: bytes) -> int:

@@ -12,16 +12,17 @@ The others look at one response: bits behind those that were asked, an exception
 from __future__ import annotations
 
 from collections import deque
-from collections.abc import Iterable, Iterator
+from collections.abc import Callable, Iterable, Iterator
 
 from barewire.modbus.messages.base import EXCEPTION_BIT
-from barewire.modbus.messages.registry import measure_response
+from barewire.modbus.messages.registry import measure_request, measure_response
 from barewire.rtu.crc import crc16
 from barewire_workbench.diagnosis.exchange import shown_digits
+from barewire_workbench.diagnosis.good import HIGHEST_UNIT, good_body
 from barewire_workbench.diagnosis.modbus_pieces import Piece
 from barewire_workbench.frames.findings import Finding
 from barewire_workbench.frames.modbus import explain_pdu
-from barewire_workbench.frames.result import counted
+from barewire_workbench.frames.result import FrameRole, counted
 from barewire_workbench.recordings.modbus_log.envelope import Envelope, opened
 from barewire_workbench.recordings.modbus_log.marked import frame_pdu
 from barewire_workbench.sniffer import (
@@ -44,6 +45,10 @@ READS = frozenset({1, 2, 3, 4})
 """Functions that read values: bits or registers."""
 _JUST_BEFORE = 3
 """A response with the transaction of a request so many before belongs to that one, or has a wrong number."""
+_SIDES: tuple[tuple[FrameRole, Callable[[bytes], int | None]], ...] = (
+    ("request", measure_request),
+    ("response", measure_response),
+)
 _SHOWN = 32
 """Characters of a text in the proof of a finding."""
 
@@ -248,6 +253,25 @@ def turned(data: bytes) -> list[Finding]:
             text = f"{last} {shown_digits(data[-size:])}, belongs before the others: the reader is out of step"
             summary = explain_pdu(whole[1:-2], "response").summary
             return [Finding("late-answer", text, f"{shown_digits(whole)} is a good frame: unit {whole[0]}, {summary}")]
+    return []
+
+
+def wrong_crc(data: bytes, role: FrameRole | None, any_values: bool = False) -> list[Finding]:
+    """Return the finding on bytes that have the length of a whole frame of RTU, and not its CRC; without a known
+    direction only if their values are allowed.
+
+    >>> wrong_crc(bytes.fromhex("01 83 02 00 00"), "response")[0].text
+    'a whole response by its length, whose CRC is 00 00, and C0 F1 fits'
+    """
+    body = data[:-2]
+    for which, measure in _SIDES if len(body) > 1 and 0 < data[0] <= HIGHEST_UNIT else ():
+        is_whole = role in (None, which) and measure(body[1:]) == len(body) - 1
+        if is_whole and (role or any_values or good_body(body, which)):
+            crc = crc16(body).to_bytes(2, "little")
+            text = (
+                f"a whole {which} by its length, whose CRC is {shown_digits(data[-2:])}, and {shown_digits(crc)} fits"
+            )
+            return [Finding("crc-wrong", text, shown_digits(data))]
     return []
 
 

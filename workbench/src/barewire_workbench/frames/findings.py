@@ -14,10 +14,10 @@ from typing import Literal, NamedTuple
 
 DiagnosisCode = Literal[
     # a Modbus frame
-    "crc-swapped", "crc-span", "crc-kind", "crc-missing", "byte-lost", "byte-extra", "bit-flip", "byte-count",
-    "lrc-over-characters", "lrc-kind", "ascii-on-rtu", "rtu-on-ascii", "mbap-on-serial", "rtu-on-tcp", "ascii-on-tcp",
-    "crc-inside-mbap", "mbap-missing", "mbap-header", "header-byte-order", "seven-bit", "baud-rate", "inverted",
-    "noise-before", "noise-after", "two-frames", "cut-frame", "role",
+    "crc-swapped", "crc-span", "crc-kind", "crc-missing", "crc-wrong", "byte-lost", "byte-extra", "bit-flip",
+    "byte-count", "lrc-over-characters", "lrc-kind", "ascii-on-rtu", "rtu-on-ascii", "mbap-on-serial", "rtu-on-tcp",
+    "ascii-on-tcp", "crc-inside-mbap", "mbap-missing", "mbap-header", "header-byte-order", "seven-bit", "baud-rate",
+    "inverted", "noise-before", "noise-after", "two-frames", "cut-frame", "role",
     # a request and its response
     "wrong-answer", "wrong-value", "address-base", "address-byte-order", "word-order",
     # CAN
@@ -33,6 +33,7 @@ MEANINGS: dict[DiagnosisCode, str] = {
     "crc-span": "The CRC is right for other bytes than unit and PDU: one was left out, or one too many taken.",
     "crc-kind": "The checksum is a CRC-16, but not that of Modbus: it has another polynomial or another first value.",
     "crc-missing": "Unit and PDU are a whole message; the checksum was not sent.",
+    "crc-wrong": "The bytes have the length of a whole frame, and another CRC: a byte of it or of the others is wrong.",
     "byte-lost": "With one byte more the frame is good: the receiver missed a byte, as when its buffer is full.",
     "byte-extra": "Without one of the bytes the frame is good: a disturbance looked like a byte.",
     "bit-flip": "With one bit changed the frame is good: a disturbance on the line, or a missing termination.",

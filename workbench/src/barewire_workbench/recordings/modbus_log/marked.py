@@ -450,7 +450,9 @@ def read_blocks(lines: list[str]) -> FormContent:
         row = _BYTES.fullmatch(line)
         if row is not None and (heading or in_bytes):
             data = bytes.fromhex(row["bytes"].replace("\t", " "))
-            if in_bytes:
+            if in_bytes and _begins_alike(entries[-1].data or b"", data):
+                entries.append(entries[-1]._replace(line=number, data=data))
+            elif in_bytes:
                 entries[-1] = entries[-1]._replace(data=(entries[-1].data or b"") + data)
             else:
                 sent, from_client, stamp = fields
@@ -486,6 +488,15 @@ def read_blocks(lines: list[str]) -> FormContent:
         )
         heading.append(number)
     return _with_sent_crc(lines, FormContent(entries, known))
+
+
+def _begins_alike(before: bytes, data: bytes) -> bool:
+    """Return whether a line has an answer of its own, as long as the one above and with the same header: a dump has 8
+    or 16 bytes in a line."""
+    head = data[:_SHORTEST]
+    return (
+        len(data) == len(before) > _SHORTEST and len(data) % 8 > 0 and head == before[:_SHORTEST] and len({*head}) > 1
+    )
 
 
 def _with_sent_crc(lines: list[str], content: FormContent) -> FormContent:

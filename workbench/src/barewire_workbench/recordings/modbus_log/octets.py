@@ -324,7 +324,7 @@ _INSIDE = (
 _LEAST_INSIDE, _LONGEST_INSIDE = 4, 2000
 _MAC = 17
 """Characters of the address of a network card, 02:42:ac:11:00:02."""
-_CUT = re.compile(r"(?<![.\w])\.\.\.(?!\.)[\s'\")\]>}]*$|…|\d+ more bytes?")
+_CUT = re.compile(r"(?<![.\w])\.\.\.(?!\.)[\s'\")\]>}]*$|…|\d+ more bytes?|(?<=\w )(?:[xX]{2}|\?\?)(?!\w)")
 """What a program prints in place of the bytes that it leaves out."""
 _OPENER = re.compile(
     r"(?:\{?\s*\"type\"\s*:\s*\"Buffer\"\s*,\s*\"data\"\s*:\s*|<?Buffer|bytearray\(b?|bytes\(|\bb)?[\s\"'({\[]*$"

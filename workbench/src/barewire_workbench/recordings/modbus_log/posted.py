@@ -41,7 +41,9 @@ _ESCAPED = re.compile(r"\\x[0-9A-Fa-f]{2}|\\[0-3][0-7]{2}")
 _QUOTES = str.maketrans("\u201c\u201d\u201e\u2018\u2019", '"""\'\'')
 """Quotes as a word processor or a forum sets them."""
 _WORD = re.compile(r"(?i)[g-z][a-z]{2,}|[a-z]{2,}[g-z]|[^\x00-\x7F]{2}")
-_ONE_NOTATION = "bytes in one notation"
+_ONE_NOTATION, IN_PART = "bytes in one notation", "bytes that are printed in part"
+_CUT = re.compile(r"[\s,;:>\])'\"]{0,3}(?:\.\.\.|…|(?:[xX]{2}|\?\?)(?!\w))")
+"""What stands behind bytes in place of the others."""
 _CODE = re.compile(r"(?:=\s*\[?|\{)\s*~|~\s*(?:,\s*$|[};])")
 """Where bytes stand in the code of a program: ~ are they."""
 _LEAST = 5
@@ -133,6 +135,8 @@ def read_posted(lines: list[str], least: int = _LEAST) -> list[Posted]:
             if is_silent and (code == number - 1 or _CODE.search(f"{line[:start]}~{line[end:]}")):
                 code = number  # a table or an address in a program
                 continue
+            if why == _ONE_NOTATION and _CUT.match(line, end):
+                why = IN_PART
             request, response = shapes(pdu) if pdu else (False, False)
             is_told = sent is not None or from_client is not None
             from_client = request if is_told and request != response else from_client

@@ -53,7 +53,7 @@ from barewire_workbench.recordings.modbus_log.octets import (
     split_octets,
     without_stamp,
 )
-from barewire_workbench.recordings.modbus_log.posted import Posted, read_posted, whole_frames, without_markup
+from barewire_workbench.recordings.modbus_log.posted import IN_PART, Posted, read_posted, whole_frames, without_markup
 from barewire_workbench.recordings.modbus_log.programs import (
     read_bytewise,
     read_libmodbus,
@@ -369,7 +369,7 @@ class _LogReader:
             return None
 
     def _posted(self, lines: list[str]) -> ModbusLog | None:
-        found = read_posted(lines)
+        found = [posted for posted in read_posted(lines) if posted.why != IN_PART]
         found = [this for before, this in zip([None, *found], found) if before is None or not _is_quoted(before, this)]
         if not found:
             return None
