@@ -19,7 +19,7 @@ READ = frames("605#4018100100000000", "585#4318100103000000")
 NO_ACKNOWLEDGE: list[AnyFrame] = [ErrorFrame(0x88, bytes.fromhex("0000801900008000"))] * 5
 CAUSES: dict[str, tuple[list[AnyFrame], set[str]]] = {
     "good": (READ + frames("705#05"), {"nothing-wrong"}),
-    "good, of 29 bits": (frames("0CF00400#F87D7D0000000000", "1CE726A0#A87D69FFE60C0000"), {"nothing-wrong"}),
+    "good, of 29 bits": (frames("0CF00400#F87D7D0000000000", "1CE726A0#A87D69FFE60C0000"), {"not-seen"}),
     "read refused": (READ + frames("605#4000300000000000", "585#8000300000000206"), {"refused"}),
     "emergency without its register": (READ + frames("085#1023000000000000"), {"emcy-register", "nothing-proved"}),
     "no node-ID added": (READ + frames("580#4341600000000000"), {"foreign-cob-id", "nothing-proved"}),

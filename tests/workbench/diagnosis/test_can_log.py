@@ -56,7 +56,7 @@ FAULTS: dict[str, tuple[list[Any], list[str], str]] = {
     ),
     "an emergency without its error bit": (timed("085#1042000000000000"), ["emcy-register"], "nothing-proved"),
     "a restricted identifier": (timed("705#05", "6E1#00"), ["foreign-cob-id"], "nothing-proved"),
-    "a restricted identifier, where no node of CANopen is heard": (timed("7DF#0100"), [], "open"),
+    "a restricted identifier, where no node of CANopen is heard": (timed("7DF#0100"), [], "not-seen"),
     "a PDO of a node that is not operational": (timed("705#7F", "185#0102030405060708"), ["state"], "nothing-proved"),
     "a stopped node that is asked": (
         [*timed("705#04", READ), *timed("705#04", "705#04", start=5.0)], ["state"], "nothing-proved",
@@ -269,3 +269,26 @@ def test_a_request_that_is_repeated_before_its_answer_is_named() -> None:
 def test_the_pdo_of_a_log_of_one_frame_is_named() -> None:
     _, (verdict,) = diagnosed([(1.0, CanFrame.parse("220#0000E8030000"))])
     assert "220h is RPDO1 of node 32 of the predefined set" in verdict.evidence
+
+
+@every_case(
+    ("frames", "seen"),
+    [
+        (["185#0102030405060708", "205#0102"], "the data of all 2 frames, whose meaning is not known"),
+        (["0CF00400#F87D7D0000000000"], "the data of all 1 frame, whose meaning is not known"),
+        (["007#01", "007#02", "007#03"], "the data of all 3 frames, whose meaning is not known"),
+    ],
+)
+def test_frames_of_data_alone_are_not_judged(frames: list[str], seen: str) -> None:
+    _, verdicts = diagnosed(timed(*frames))
+    assert [verdict.code for verdict in verdicts] == ["not-seen"]
+    assert seen in verdicts[0].evidence
+
+
+def test_a_bus_on_which_no_node_is_heard_after_a_reset_is_open() -> None:
+    _, verdicts = diagnosed(timed("703#00", "000#8200", "080#", "080#", "080#"))
+    assert [verdict.code for verdict in verdicts] == ["open"]
+    assert "reset of all nodes, and none heard after it" in verdicts[0].evidence
+    assert [verdict.code for verdict in diagnosed(timed("703#00", "000#8203", "703#00", "080#"))[1]] == [
+        "nothing-wrong"
+    ]

@@ -72,6 +72,8 @@ _PATIENCE = 1.0
 """Seconds in which a node answers."""
 _BLOCK_CONFIRMED, _NO_SIZE = b"\xa2", 0x42
 _NOT_STARTED = (NmtState.INITIALISING, NmtState.PRE_OPERATIONAL)
+_RESETS = (b"\x81", b"\x82")
+"""Commands of NMT after which a node sends its boot-up."""
 _STATUS_MASK, _SWITCH_ON_DISABLED = 0x024F, 0x0240
 """Bits of the status word of CiA 402, with that of remote control."""
 _IDENTITY = frozenset({0x1000, 0x1018})
@@ -379,6 +381,9 @@ class BusDiagnosis:
         self._waiting: set[int] = set()  # nodes whose last request has no answer yet
         self._last_transfer = ""
         self._sizeless = ""  # the first expedited answer without a size
+        self._foreign = 0  # frames with an identifier that CANopen does not use
+        self._judged = False  # a frame was heard whose meaning is known
+        self._reset = ""  # the nodes that were reset by a command, if none was heard after it
         self._alone: dict[int, str] = {}  # the PDOs of a log with few frames and no others
         self._words: dict[int, tuple[int, int]] = {}  # COB-ID of a PDO -> its node, and the first two bytes of the last
 
@@ -408,7 +413,7 @@ class BusDiagnosis:
             foreign = [proved for proved in proofs if proved.finding.code == "foreign-cob-id"]
             # On a bus without CANopen an identifier that CANopen does not use is no fault.
             if foreign:
-                self.unsettled.open["frame with an identifier outside CANopen"] += len(foreign)
+                self._foreign += len(foreign)
             proofs = [proved for proved in proofs if proved not in foreign]
         for event in self.monitor.feed(item, now):
             proofs += [proved for proved in self._event(event, frame) if proved.finding.code not in known_codes]
@@ -430,6 +435,8 @@ class BusDiagnosis:
             elif not self.counts.may_be_search(node):
                 self.unsettled.open[f"SDO transfer with node {node} without its other half"] += number
         self._not_awaited.clear()
+        if self._reset:
+            self.unsettled.open[f"reset of {self._reset}, and none heard after it"] += 1
         return self._at(proofs, now, 0)
 
     def verdicts(self) -> list[LineVerdict]:
@@ -444,8 +451,11 @@ class BusDiagnosis:
         if self._silences:
             seen += f"; requests to several nodes have no answer at {counted(self._silences, 'place')}"
         fd, gaps = counted(counts.fd_frames, "frame"), counted(self.gaps, "gap")
+        unknown = self._foreign if self._judged else counts.frames - counts.fd_frames
+        data = f"the data of {'' if self._judged else 'all '}{counted(unknown, 'frame')}, whose meaning is not known"
         self.unsettled.unseen = [
             *([f"{fd} of CAN FD, not decoded"] if counts.fd_frames else []),
+            *([data] if unknown else []),
             *([f"{gaps} in the recording"] if self.gaps else []),
             *self.left_out,
         ]
@@ -508,6 +518,12 @@ class BusDiagnosis:
         if self.monitor.takes_segment(frame):
             return
         owner = classify(frame)
+        if owner is not None and not frame.remote and ("PDO" not in owner[0].name or self._dialects):
+            self._judged = True
+        if owner is not None and owner[0].from_device:
+            self._reset = ""
+        elif frame.id == 0 and frame.data[:1] in _RESETS and len(frame.data) > 1:
+            self._reset = f"node {frame.data[1]}" if frame.data[1] else "all nodes"
         if owner is not None and "PDO" in owner[0].name and self.counts.frames <= _ALONE:
             self._alone[frame.id] = f"{owner[0].name} of node {owner[1]}"
         elif self._alone:

@@ -154,7 +154,9 @@ _STATED: tuple[tuple[str, str], ...] = (
     (r"(?i)\bbit[01]?[- _]err\w*", "the controller read another bit than it sent"),
     (r"(?i)no buffer space|ENOBUFS|\bErr(?:no|or Code) 105\b", "the send queue of the interface is full"),
     (r"(?i)\bbus[- _]off\b", "the CAN controller has left the bus, since its error counter passed its limit"),
+    (r"\bstate ERROR-ACTIVE\b", "the CAN controller is error active: its error counters are low"),
     (r"(?i)\berror[- _]passive\b", "the CAN controller is error passive: an error counter of it is above 127"),
+    (r"Unexpected response from modbus device", "a device answers with a value that the program is not set up for"),
     (r"Errno -[235]\]|getaddrinfo|Name or service", "the name of the host is not known"),
     (r"(?i)reset by peer|ECONNRESET", "the other side reset the TCP connection"),
     (r"(?i)unexpectedly closed|: EOF\b|IncompleteReadError|connection (?:lost|closed)", "the connection ended"),
@@ -189,7 +191,8 @@ _STATED: tuple[tuple[str, str], ...] = (
         _SILENT,
     ),
     (
-        r"(?i)(?<![\w.])timed?[-_ ]?out(?:error)?\b(?!\W{0,2}[=:(]\W*\d| ?(?:setting|of |to |\d))|ETIMEDOUT|"
+        r"(?i)(?<![\w.])(?<!\bthe )(?<!\bno )(?<!enable )timed?[-_ ]?out(?:error)?\b"
+        r"(?!\W{0,2}[=:(]\W*\d| ?(?:setting|of |to |\d)| (?:\w+ )?not\b)|ETIMEDOUT|"
         r"_TIMEOUT\b|TransactionTimedOut",
         _TIME_OUT,
     ),
@@ -203,11 +206,14 @@ _PERSON = re.compile(
 """Words that people write, and programs hardly ever."""
 _NO_MESSAGE = re.compile(
     r"^\s*(?:#{1,6} |at |File \"|//|#include|#define|"
-    r"(?:def|class|import|return|if|for|while|else|public|void|int|const|var|let|elif|except|raise|throw)\b)|"
+    r"(?:def|class|import|return|else|public|void|int|const|var|let|elif|except|raise|throw)\b|"
+    r"(?:if|for|while)\b.*[:({]\s*$|(?:if|for|while)\s*\()|"
     r"[{;]\s*$|^\s*[})\]]+|^\s*[\w.\]\[]+ ?=(?!=)|^\s*[\w.]+\(.*\)\s*(?:#.*|//.*)?$|"
     r"^\s*\"?[\w-]+\"?\s*[:=]\s*[\d.]+,?\s*$|\btransaction state from\b|\bWAITING[ _]FOR[ _]REPLY\b"
 )
 """Lines that are titles, frames of a stack, code, settings, or the usual states of a program."""
+_CODE_BELOW = re.compile(r"\s*File \".*, line \d+, in ")
+"""A frame of a traceback of Python, below which its line of code stands."""
 _LOGGED = re.compile(r"\b(?:ERROR|WARN(?:ING)?|INFO|DEBUG|TRACE)\b|\[[CDVWE]\]\[|^[EWI] \(\d+\)|\d:\d\d:\d\d[.,]\d")
 """A line of a log."""
 _QUOTED = re.compile(
@@ -256,6 +262,7 @@ _LENGTHS = re.compile(
     r"(?i)(?:length|bytes?|size|short|long)\b.{0,40}?expected (\d+),? (?:but )?(?:got|received) (\d+)|"
     r"expected (\d+) bytes,? (?:but )?(?:got|received) (\d+)"
 )
+_QUEUE = re.compile(r"\bqlen (\d+)\b")
 _LAST_UNIT = 247
 _NO_VALUE = re.compile(
     r"(?i)(?:\[|=|\b(?:values?|reads?|returns?|shows?|got|get|gives?|is|always)\b:?) ?(65535|32767|-?32768)\b(?![.,]\d)"
@@ -345,16 +352,17 @@ def _messages(text: str) -> str:
     >>> _messages('If it fails it says "no response" here')
     '                    "no response"     '
     """
-    lines = []
+    lines, is_code = [], False
     for line in text.split("\n"):
         kept = line
-        if _NO_MESSAGE.search(line):
+        if is_code or _NO_MESSAGE.search(line):
             kept = " " * len(line)
         elif _PERSON.search(line) and not _LOGGED.search(line):
             kept = " " * len(line)
             for quoted in _QUOTED.finditer(line):
                 if " " in quoted[0] and not _PERSON.search(quoted[0]):
                     kept = kept[: quoted.start()] + quoted[0] + kept[quoted.end() :]
+        is_code = _CODE_BELOW.match(line) is not None
         lines.append(kept)
     return "\n".join(lines)
 
@@ -405,7 +413,8 @@ def _numbered(text: str) -> list[_Stated]:
         exceptions.setdefault(number, words)
     for number, words in sorted(exceptions.items()):
         if number in range(1, 12):
-            stated.append(_Stated.by(words, f"exception {number:02X} ({exception_name(number)}) of Modbus"))
+            who = "a gateway answers for the device" if number in (10, 11) else "a device answers, and refuses"
+            stated.append(_Stated.by(words, f"exception {number:02X} ({exception_name(number)}) of Modbus: {who}"))
     aborts = {int(words[1], 16): words for words in _ABORT.finditer(text)}
     if not aborts and "bort" in text:
         named = ((code, re.search(f"(?i){re.escape(name)}", text)) for name, code in _ABORT_TEXTS.items())
@@ -418,6 +427,8 @@ def _numbered(text: str) -> list[_Stated]:
         if int(words[1]) > _LAST_UNIT:
             other = "a register?" if int(words[1]) > _LONGEST_ANSWER else "248 to 255 are reserved"
             stated.append(_Stated.by(words, f"unit {words[1]} is asked, which is none: 1 to 247 are; {other}"))
+    for words in _QUEUE.finditer(text):
+        stated.append(_Stated.by(words, f"the send queue of the interface holds {words[1]} frames"))
     for words in _NO_VALUE.finditer(text):
         marks = f"{int(words[1]) & 0xFFFF:04X}h, which many devices send for a value that they do not have"
         stated.append(_Stated.by(words, f"{words[1]} is {marks}"))

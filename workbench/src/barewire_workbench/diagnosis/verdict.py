@@ -112,7 +112,7 @@ class Unsettled:
             ("refused", "a device refused or reported something", _most(self.refused)),
             ("open", "not every request and response has its other half", _most(self.open)),
             ("open", "this log shows one side only", self.one_side),
-            ("not-seen", "a part of the traffic was not seen", ", ".join(self.unseen)),
+            ("not-seen", "a part of the traffic was not seen, or is not judged", ", ".join(self.unseen)),
         )
         return [LineVerdict(code, text, f"{evidence}; {seen}") for code, text, evidence in kinds if evidence]
 
