@@ -220,3 +220,25 @@ def test_digits_of_a_message_are_no_bytes_of_a_line(tmp_path: Path) -> None:
     text = tmp_path / "error.txt"
     text.write_text("Error in plugin: modbus: response transaction id '7616' does not match request '7617'\n")
     assert "each answer has the number of the request before" in run_here("diagnose", str(text)).stdout
+
+
+@pytest.mark.parametrize("words", ["", "Here is what I see on the line:\n"])
+def test_what_else_it_may_be_is_left_out_for_a_text_with_words(tmp_path: Path, words: str) -> None:
+    log = tmp_path / "posted.txt"
+    log.write_text(
+        words
+        + "".join(
+            f"12:00:0{2 * place}.5 Tx: {READ.hex(' ')}\n12:00:0{2 * place + 1}.5 timed out\n" for place in range(4)
+        )
+    )
+    verdict = run_here("diagnose", str(log)).stdout.splitlines()[-1]
+    assert "[no-answers]" in verdict
+    assert ("it may also be" in verdict) is (not words)
+
+
+def test_a_log_of_good_frames_with_a_message_of_a_failure_is_not_called_good_as_a_whole(tmp_path: Path) -> None:
+    log = tmp_path / "said.txt"
+    log.write_text(f"ERROR connection reset by peer\nTx: {READ.hex(' ')}\nRx: {VALUES.hex(' ')}\n")
+    lines = run_here("diagnose", str(log)).stdout.splitlines()
+    assert lines[0].startswith("verdict: nothing wrong in the bytes that are read [nothing-wrong]: 2 frames")
+    assert "the other side reset the TCP connection" in lines[1]

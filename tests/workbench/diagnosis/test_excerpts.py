@@ -11,6 +11,7 @@ import pytest
 
 from barewire.canopen import CanFrame, ErrorFrame
 from barewire.errors import DecodeError
+from barewire.rtu import encode as rtu_frame
 from barewire_workbench.diagnosis.can_log import BusDiagnosis
 from barewire_workbench.diagnosis.modbus_log import ModbusLogDiagnosis
 from barewire_workbench.recordings.modbus_log import read_modbus_log
@@ -207,3 +208,68 @@ def test_the_same_byte_before_each_answer_is_no_disturbance() -> None:
     findings, verdicts = told(ASKED + rows)
     assert len(findings) == 4
     assert "[disturbed]" not in verdicts
+
+
+def test_a_list_of_single_bits_is_no_frame() -> None:
+    findings, verdicts = told("Expected: [ 1, 0, 1, 1, 0 ]\nResponse: [ 1, 0, 0, 1, 0 ]\n" + ASKED_TCP)
+    assert findings == []
+    assert "1 frame read" in verdicts
+
+
+def test_values_in_brackets_beside_the_output_of_libmodbus_are_no_traffic() -> None:
+    answer = "[01][03][00][00][00][02][C4][0B]\nWaiting for a confirmation...\n<01><03><04><00><17><00><07><0B><F5>\n"
+    findings, verdicts = told(f"values:\n<0x17> <0x07>\n{answer}values:\n<0x17> <0x0> <0x7>\n{answer}")
+    assert findings == []
+    assert "2 requests answered" in verdicts
+
+
+def test_a_pdu_that_is_received_without_unit_and_checksum_is_no_request() -> None:
+    findings, verdicts = told("the receive buffer: 03 04 41 20 42 48\n")
+    assert findings == []
+    assert "1 PDU without its unit and checksum" in verdicts
+
+
+def test_times_in_whole_seconds_prove_no_silence_of_one_second() -> None:
+    answer = "".join(f"10:00:02 recv: {byte}\n" for byte in ("01", "03", "04", "00 17 00", "07 0B F5"))
+    findings, verdicts = told("10:00:01 send: 01 03 00 00 00 02 C4 0B\n" + answer)
+    assert findings == []
+    assert "1 request answered" in verdicts
+
+
+def test_a_received_frame_that_goes_on_in_the_next_line_is_one_frame() -> None:
+    findings, verdicts = told(
+        ">>>>> send: 0x0 0x7 0x0 0x0 0x0 0x6 0x1 0x3 0x0 0x0 0x0 0x2 >>>>> recv: 0x0 0x7 0x0 0x0 0x0 0x7 0x1 0x3 \n"
+        "0x4 0x0 0x17 0x0 0x7 extra data: >>>>> send: 0x0 0x8 0x0 0x0 0x0 0x6 0x1 0x3 0x0 0x0 0x0 0x1 >>>>> recv: 0x0\n"
+        "0x8 0x0 0x0 0x0 0x5 0x1 0x3 0x2 0x0 0x17 extra data:\n"
+    )
+    assert findings == []
+    assert "4 frames, 2 requests answered by 1 unit" in verdicts
+
+
+def test_a_request_that_is_received_before_its_response_is_an_echo() -> None:
+    findings, verdicts = told("the response is 01 03 00 10 00 02 C5 CE 01 03 04 00 17 00 07 0B F5\n")
+    assert [finding.partition("[")[2].partition("]")[0] for finding in findings] == ["echo"]
+    assert "request answered" in verdicts
+
+
+def test_a_coil_that_is_read_as_off_behind_its_switching_on_is_no_good_log() -> None:
+    text = "01 05 00 0A FF 00 AC 38\n01 05 00 0A FF 00 AC 38\n01 01 00 00 00 10 3D C6\n"
+    for bits, said in (("04 00", "coil 2 is on"), ("00 00", "no coil is on"), ("00 04", "")):
+        body = bytes.fromhex(f"01 01 02 {bits}")
+        findings, _ = told(text + rtu_frame(1, body[1:]).hex(" ") + "\n")
+        assert len(findings) == bool(said)
+        for finding in findings:
+            assert "coil 10 was switched on, and is read as off" in finding
+            assert said in finding
+
+
+def test_eight_times_the_quantity_of_bits_is_named_where_requests_stand_alone() -> None:
+    for quantity, is_named in ((8, True), (7, False)):
+        asked = [rtu_frame(1, bytes((1, 0, 0, 0, number))).hex(" ") for number in (1, quantity)]
+        _, verdicts = told(f"TX: {asked[0]}\nTX: {asked[1]}\n")
+        assert ("8 bits are asked where 1 was: the quantity counts bits, not bytes" in verdicts) is is_named
+
+
+def test_a_cut_answer_with_the_transaction_of_an_earlier_request_is_called_that() -> None:
+    findings, _ = told("send: 00 08 00 00 00 06 01 03 00 00 00 02\nrecv: 00 07 00 00 00 07 01 03 04 00 17\n")
+    assert "2 bytes are to come, of transaction 7, and 8 was asked [cut-frame]" in findings[0]

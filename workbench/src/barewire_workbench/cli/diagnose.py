@@ -29,6 +29,7 @@ from barewire_workbench.diagnosis.texts import NO_WHOLE_FRAMES, is_text, verdict
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.live.listen import listen_with
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
+from barewire_workbench.recordings.model import Unread
 from barewire_workbench.sniffer import WINDOW
 
 _TEXT_MAX = 0x8000
@@ -133,13 +134,25 @@ class _Printer:
             self._output.show(f"{name}  {verdict.sentence}".lstrip(), verdict.as_dict() | where)
 
 
-def _of_words(traffic: Source, verdicts: list[tuple[str, LineVerdict]]) -> list[tuple[str, LineVerdict]]:
-    """Return the verdict on the words of a short text; none for a line or bus, or a capture."""
+def _with_words(
+    traffic: Source, verdicts: list[tuple[str, LineVerdict]], *, has_words: bool
+) -> list[tuple[str, LineVerdict]]:
+    """Return the verdicts and the one on the words of a short text; nothing more for a line or bus, or a capture. What
+    else it may be is left out where people wrote words (`has_words`): these say more than a list of causes."""
     if traffic.endpoint is not None or len(traffic.recording.start) >= _TEXT_MAX:
-        return []
+        return verdicts
+    if has_words:
+        verdicts = [(name, verdict._replace(otherwise="")) for name, verdict in verdicts]
     text = traffic.recording.start.decode("utf-8", "replace")
     words = verdict_of_words(text, {verdict.code for _, verdict in verdicts})
-    return [] if words is None else [("", words)]
+    if words is None:
+        return verdicts
+    good = "nothing wrong in the bytes that are read"
+    told = [
+        (name, verdict._replace(text=good) if verdict.code == "nothing-wrong" else verdict)
+        for name, verdict in verdicts
+    ]
+    return [*told, ("", words)]
 
 
 # Modbus
@@ -171,8 +184,8 @@ def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
                 findings = iter(listed)
             printer.findings(findings)
             printer.unread.end()
-            verdicts = diagnosis.verdicts()
-            printer.verdicts([*verdicts, *_of_words(traffic, verdicts)])
+            has_words = any(isinstance(item, Unread) and " " in item.text for item in first.items)
+            printer.verdicts(_with_words(traffic, diagnosis.verdicts(), has_words=has_words))
             return
     printer.verdicts([("", words)])
 
@@ -200,5 +213,5 @@ def _diagnose_can(traffic: Source, diagnosis: CanLogDiagnosis, printer: _Printer
     check_bus(diagnosis.only, diagnosis.seen)
     printer.unread.items(diagnosis.unread)
     printer.unread.end()
-    verdicts = diagnosis.verdicts()
-    printer.verdicts([*verdicts, *_of_words(traffic, verdicts)])
+    has_words = any(" " in item.text for item in diagnosis.unread)
+    printer.verdicts(_with_words(traffic, diagnosis.verdicts(), has_words=has_words))

@@ -40,7 +40,9 @@ from barewire_workbench.diagnosis.modbus_responses import (
     Refusals,
     compared,
     content,
+    eight_times,
     long_exception,
+    read_otherwise,
     turned,
     unused_bits,
     wrong_crc,
@@ -95,6 +97,7 @@ _SIDE_SHOWN = 3
 """Frames of a log of one side that a verdict names."""
 _FEW = 16
 """Different refusals that are told apart by what was asked."""
+_WRITES_COIL = 0x05
 _DIAGNOSTICS, _LISTEN_ONLY = 0x08, b"\x00\x04"
 
 
@@ -145,9 +148,12 @@ class LineDiagnosis:
         self._served: set[tuple[int, int]] = set()  # units, and the first digit of an address that they serve
         self._refusals = Refusals()
         self._stuck: Piece | None = None  # the last response behind another one, in the same read
+        self._coil: RequestSeen | None = None  # the last request that has its response, if it writes one coil
+        self._echoed: SnifferEvent | None = None  # a request that is an echo
         self._instead = -1.0  # when something else than a response came, which has its finding
         self.one_side = ""
         """"requests" or "responses", if the log shows nothing else: then none of them stands alone."""
+        self._of_side: RequestSeen | ResponseSeen | None = None  # the last frame of such a log
         self._of_one_side: list[str] = []  # the first frames of such a log
         self.is_cut = False
         """Whether the log ends with bytes, so that there may be more."""
@@ -348,6 +354,10 @@ class LineDiagnosis:
         findings = turned(noise.data) or self._examiner.findings(noise.data, role, good=counts.frames >= PROVES)
         if unit and findings and findings[0].code in WEAK and not begins:
             findings = []  # what is no answer to this request may look like the beginning of any
+        numbers = tuple(int.from_bytes(piece.data[:2], "big") for piece in (noise, asked) if piece is not None)
+        if self.protocol == "tcp" and unit and findings and findings[0].code == "cut-frame" and len({*numbers}) > 1:
+            text = f"{findings[0].text}, of transaction {numbers[0]}, and {numbers[1]} was asked"
+            findings = [findings[0]._replace(text=text)]
         refused = asked.adu.pdu[0] if unit and asked is not None and asked.adu is not None else 0
         is_cut = bool(findings) and findings[0].code == "cut-frame"
         if refused and is_cut and noise.data[:2] == bytes((unit, refused | EXCEPTION_BIT)):
@@ -355,7 +365,7 @@ class LineDiagnosis:
             findings = [findings[0]._replace(text=f"{text}: {counted(_EXCEPTION - len(noise.data))} to come")]
         if findings and findings[0].code == "bit-flip" and noise.data in self.repeated:
             findings = []  # no disturbance changes the same bit twice
-        if findings and not unit and (part := self._part_of_frame(findings[0], noise.data)):
+        if not unit and (part := self._part_of_frame(findings, noise.data)):
             counts.bursts -= 1
             self.unsettled.open[part] += 1
             return
@@ -394,12 +404,13 @@ class LineDiagnosis:
         before = self._before.data if self._before is not None else b""
         return before.endswith(noise.data) and 0 < len(before) - len(noise.data) <= PREFIX and len(noise.data) > STRAY
 
-    def _part_of_frame(self, finding: Finding, data: bytes) -> str:
+    def _part_of_frame(self, findings: list[Finding], data: bytes) -> str:
         """Return what bytes are that a program printed before it completed them; empty if they were received so."""
-        if finding.code in ("crc-missing", "mbap-missing") and self.counts.frames:
+        code = findings[0].code if findings else "cut-frame"
+        if code in ("crc-missing", "mbap-missing") and self.counts.frames:
             return "frame without its checksum or header, as a program prints it before it is whole"
         is_pdu = any(readable(decode, data) is not None for decode in (decode_request, decode_response))
-        return "PDU without its unit and checksum" if finding.code == "cut-frame" and is_pdu else ""
+        return "PDU without its unit and checksum" if code == "cut-frame" and is_pdu else ""
 
     # Events: requests and responses
 
@@ -441,7 +452,11 @@ class LineDiagnosis:
     def _note_one_side(self, frame: RequestSeen | ResponseSeen) -> None:
         """Remember a frame of a log that shows one side only."""
         role: FrameRole = "request" if isinstance(frame, RequestSeen) else "response"
-        if len(self._of_one_side) < _SIDE_SHOWN:
+        asked, self._of_side = self._of_side, frame
+        if role == "request" and asked is not None and (more := eight_times(asked, frame)):
+            self._of_one_side = [f"{explain_pdu(frame.pdu, role).summary}: {more}"]
+            self.unsettled.one_side = self._of_one_side[0]
+        elif len(self._of_one_side) < _SIDE_SHOWN:
             what = "request to" if role == "request" else "response of"
             self._of_one_side.append(f"{what} unit {frame.unit}, {explain_pdu(frame.pdu, role).summary}")
             self.unsettled.one_side = ", ".join(self._of_one_side)
@@ -624,6 +639,18 @@ class LineDiagnosis:
             self._served.add((event.unit, _table_of(request.pdu)))
         if event.pdu[0] in READS and event.pdu[2:] in _NO_VALUES:
             self.counts.no_value[event.pdu[2:].hex().upper() + "h"] += 1
+        piece, request_piece = self._piece_of(event), self._piece_of(request)
+        is_received = request_piece is not None and request_piece.from_client is False
+        if piece is not None and piece.joined and is_received and request != self._echoed:
+            text = "the client has read its own request before the response"
+            yield self._located(event, Finding("echo", text, self._echo_proof(request).removesuffix(", twice")))
+        coil, self._coil = self._coil, request if request.pdu[0] == _WRITES_COIL else None
+        if (
+            coil is not None
+            and coil.unit == request.unit
+            and (other := read_otherwise(coil.pdu, request.pdu, event.pdu))
+        ):
+            yield self._located(event, other)
         self._refusals.take(request.unit, request.pdu, refused=bool(exception))
         if (unused := unused_bits(request.pdu, event.pdu)) is not None:
             yield self._located(event, unused)
@@ -700,6 +727,7 @@ class LineDiagnosis:
         line = self._line_of(request)
         if self._is_echo(request, following):
             self.counts.echoes += 1
+            self._echoed = following
             unit.requests -= 1
             text = "the request is received again at once, as its sender's own echo"
             yield Located(request.unit, Finding("echo", text, self._echo_proof(request)), request.at, line)

@@ -47,6 +47,8 @@ class ModbusLogDiagnosis:
         whole: bool = True,
     ) -> None:
         self.log = log = _with_framing(log)
+        if log.timed and all(item.at % 1 == 0 for item in log.items):
+            window += 1.0  # its times are in whole seconds
         self._on_event = on_event
         pieces = [item.data for item in log.items if isinstance(item, LoggedBytes) and len(item.data) > STRAY]
         tails = {data[before:] for data in pieces for before in range(1, STRAY + 1)}

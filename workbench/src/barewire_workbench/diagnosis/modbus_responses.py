@@ -295,6 +295,37 @@ def unused_bits(request: bytes, response: bytes) -> Finding | None:
     return Finding("wrong-value", text, f"the last byte is {response[-1]:02X}h: use only the lowest {quantity % 8}")
 
 
+def eight_times(before: RequestSeen | ResponseSeen, request: RequestSeen | ResponseSeen) -> str:
+    """Return what is odd about a request that reads eight times as many bits as the one before; empty if it does not.
+
+    A program that takes the quantity for a number of bytes asks so.
+    """
+    is_alike = before.unit == request.unit and before.pdu[:3] == request.pdu[:3] and request.pdu[0] in (1, 2)
+    fewer, more = (int.from_bytes(seen.pdu[3:5], "big") for seen in (before, request))
+    if not is_alike or more != 8 * fewer or len(request.pdu) != 5:
+        return ""
+    return f"{more} bits are asked where {fewer} {'was' if fewer == 1 else 'were'}: the quantity counts bits, not bytes"
+
+
+def read_otherwise(written: bytes, request: bytes, response: bytes) -> Finding | None:
+    """Return the finding on a coil that is read, directly after it was written, as the other of its two values.
+
+    >>> read_otherwise(bytes.fromhex("05 000A FF00"), bytes.fromhex("01 0000 0010"), bytes.fromhex("01 02 04 00")).text
+    'coil 10 was switched on, and is read as off: coil 2 is on'
+    """
+    coil, is_on = int.from_bytes(written[1:3], "big"), written[3:4] == b"\xff"
+    first, values = int.from_bytes(request[1:3], "big"), int.from_bytes(response[2:], "little")
+    if request[:1] != b"\x01" or response[:1] != b"\x01" or not 0 <= coil - first < int.from_bytes(request[3:5], "big"):
+        return None
+    if bool(values >> coil - first & 1) is is_on:
+        return None
+    words = ("off", "on")
+    on = [str(first + bit) for bit in range(values.bit_length()) if values >> bit & 1]
+    listed = f"coil {', '.join(on[:STRAY])}{' ...' if len(on) > STRAY else ''} is on" if on else "no coil is on"
+    text = f"coil {coil} was switched {words[is_on]}, and is read as {words[not is_on]}: {listed}"
+    return Finding("wrong-value", text, f"{shown_digits(written)}, then {shown_digits(response)}")
+
+
 def long_exception(pdu: bytes) -> Finding | None:
     """Return the finding on an exception with more than its code [MB-APP 7].
 

@@ -48,13 +48,13 @@ from functools import lru_cache
 from barewire import ascii, rtu, tcp
 from barewire.errors import DecodeError
 from barewire.modbus.messages.base import EXCEPTION_BIT
-from barewire.modbus.messages.registry import measure_request, measure_response
+from barewire.modbus.messages.registry import decode_request, decode_response, measure_request, measure_response
 from barewire.rtu.crc import crc16
 from barewire_workbench.frames.result import ProtocolName, counted
 from barewire_workbench.recordings.modbus_log.model import FormContent, LogEntry, LoggedBytes, Stamp
 from barewire_workbench.recordings.modbus_log.octets import Octets, find_stamp, split_octets, without_stamp
 from barewire_workbench.recordings.model import Unread
-from barewire_workbench.sniffer import shapes
+from barewire_workbench.sniffer import readable, shapes
 
 _RARE = 4
 """One of so many pieces at least is a frame in a log of Modbus TCP."""
@@ -213,6 +213,8 @@ _FEW = re.compile(
     r"""[\])}>]*(?: ?\(\d+\))?(?: at \d+|\|.*\|)?"""
 )
 _STRING = re.compile(r"\"([^\"\\]{1,260})\"\s*$")
+_BITS = re.compile(r"[\s\[(]*[01](?:, ?[01])+[\s\])]*")
+"""A list of values, each of one bit."""
 _DIGITS = re.compile(r"[0-9A-Fa-f]+")
 _OPENINGS_MAX, _MARKS_WORD, _BEHIND = 100, frozenset(":=>])}"), frozenset(":=>])}|-")
 _OPENED = frozenset("[({<")
@@ -298,6 +300,8 @@ def _directed(plain: str, number: int, openings: set[str] | frozenset[str] = fro
         is_near = word is not None and (word.re is not _WORD or _SIZE.fullmatch(before[word.end() :]))
         if word is not None and word.re is not _COMPLAINT and is_near:
             return [LogEntry(number, bytes.fromhex(single[1]), sent, from_client)]
+    if octets is not None and _BITS.fullmatch(plain, len(octets.before)):
+        return []
     if octets is not None and (exchange := _exchange(octets, number)):
         return exchange
     before = plain if octets is None else octets.before
@@ -526,7 +530,9 @@ def is_without_crc(data: bytes) -> bool:
     if len(data) < 3 or any(frame_pdu(protocol, data) is not None for protocol in ("rtu", "tcp")):
         return False
     pdu = data[1:]
-    return len(pdu) in ((2,) if pdu[0] & EXCEPTION_BIT else (measure_request(pdu), measure_response(pdu)))
+    if pdu[0] & EXCEPTION_BIT:
+        return len(pdu) == 2
+    return any(readable(decode, pdu) is not None for decode in (decode_request, decode_response))
 
 
 def _heading(line: str) -> tuple[bool | None, bool | None, Stamp | None] | None:

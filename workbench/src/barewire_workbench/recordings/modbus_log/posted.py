@@ -138,7 +138,8 @@ def read_posted(lines: list[str], least: int = _LEAST) -> list[Posted]:
             if why == _ONE_NOTATION and _CUT.match(line, end):
                 why = IN_PART
             request, response = shapes(pdu) if pdu else (False, False)
-            is_told = sent is not None or from_client is not None
+            is_echo = from_client is False and request and len(whole_frames(data)) > 1  # before its response
+            is_told = not is_echo and (sent is not None or from_client is not None)
             from_client = request if is_told and request != response else from_client
             found.append(Posted(LogEntry(number, data, sent, from_client), why))
             last = end

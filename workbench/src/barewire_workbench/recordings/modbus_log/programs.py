@@ -69,6 +69,7 @@ _PYMODBUS_WORD = re.compile(r"(?P<repeated>>{5}\s*)?(?<![\w'\"])(?P<word>send|re
 _PYMODBUS_WORD_ENDS = ("end:", "ecv:", "END:", "ECV:")
 _PYMODBUS_BYTES = re.compile(rf"\s*(?P<bytes>{_HEX_BYTES})(?:old_data:.*|extra data:.*|addr=.*|unexpected data:.*)?$")
 """What stands behind a word, up to the next one."""
+_PYMODBUS_MORE = re.compile(r"(?:0x[0-9a-fA-F]{1,2}(?:\s+|$))+")
 _PYMODBUS_PROCESSING = re.compile(rf"(?<![\w'\"])(?:Processing|Handling data):\s*(?P<bytes>{_HEX_BYTES})$")
 _PYMODBUS_OTHER = re.compile(
     r"Processing:|Getting [Ff]rame|Frame (?:check|advanced|- \[)|[Rr]esetting (?:[Ff]rame|header)|"
@@ -107,10 +108,12 @@ class _PymodbusLog:
         self.repeated: list[LogEntry] = []
         self.known: set[int] = set()
         self.unreadable: set[int] = set()
+        self._cut: tuple[int, list[LogEntry]] = (-1, [])  # the line that ended within bytes, and their entries
 
     def add_words(self, number: int, line: str, words: list[re.Match[str]]) -> None:
         """Take a line with send and recv, each with the bytes behind it."""
         stamp = stamp_in(line[: words[0].start()])
+        self._go_on(number, line[: words[0].start()])
         for word, following in zip_longest(words, words[1:]):
             text = line[word.end() : None if following is None else following.start()]
             match = _PYMODBUS_BYTES.match(text)
@@ -130,9 +133,20 @@ class _PymodbusLog:
                     is_known = entries and entries[-1].sent is False and (entries[-1].data or b"").endswith(kept)
                     data = ((entries.pop().data if is_known else kept) or b"") + data
                 entries.append(LogEntry(number, data, is_sent, stamp=stamp))
+                if following is None and data and match.end("bytes") == len(text):
+                    self._cut = number, entries
+
+    def _go_on(self, number: int, text: str) -> None:
+        """Take the bytes with which a line begins: those of the last entry, if its line ended within them."""
+        more, (line, entries) = _PYMODBUS_MORE.match(text), self._cut
+        if more is not None and line == number - 1:
+            data = bytes(int(token, 16) for token in more[0].split())
+            entries[-1] = entries[-1]._replace(data=(entries[-1].data or b"") + data)
+            self.known.add(number)
 
     def add_other(self, number: int, line: str) -> None:
         """Take any other line: some show what was received so far."""
+        self._go_on(number, line)
         is_processed = "Processing:" in line or "Handling data:" in line
         if is_processed and (match := _PYMODBUS_PROCESSING.search(line)) and match["bytes"]:
             data = bytes(int(token, 16) for token in match["bytes"].split())

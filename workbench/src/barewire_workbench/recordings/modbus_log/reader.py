@@ -34,6 +34,7 @@ from barewire_workbench.recordings.modbus_log.marked import (
     PROTOCOLS,
     common_protocol,
     frame_pdu,
+    has_direction,
     is_decimal,
     is_without_crc,
     read_blocks,
@@ -199,7 +200,8 @@ _LINES_MAX = 20
 UNREADABLE = "the bytes in this line cannot be read"
 """Why a line is unread that looks as if it held bytes of a frame."""
 _SILENT = re.compile(
-    r"(?i)\btime[ds]?[ -]?out(?!\w| ?(?:setting|to |of |[=:(]*\s*\d))|\bno (?:\w+ ){0,2}(?:response|answer|reply)\b|"
+    r"(?i)(?<!\bthe )\btime[ds]?[ -]?out(?!\w| ?(?:setting|to |of |[=:(]*\s*\d))|"
+    r"\bno (?:\w+ ){0,2}(?:response|answer|reply)\b|"
     r"(?:received|got|read) 0\b|\b0 (?:bytes )?(?:received|read)\b|(?:not|n't) (?:respond|answer)|TimedOut|ETIMEDOUT|"
     r"stop waiting for|TimeoutE|nothing (?:was )?received"
 )
@@ -426,7 +428,11 @@ class _LogReader:
                 "" if number in known or number in unreadable else line for number, line in enumerate(short, start=1)
             ]
             content = read_general(left)
+            is_alone = _OF_ANY_PROGRAM.issuperset(owners.values())
             for place, entry in enumerate(content.entries):
+                is_short = 0 < len(entry.data or b"") < _SHORTEST
+                if is_short and not is_alone and not has_direction(left[entry.line - 1]):
+                    continue  # values that are printed beside the bytes of a program with words of its own
                 by_place[entry.line, place] = entry
                 owners[entry.line] = name
             known |= content.known if content.entries else set()
@@ -460,7 +466,9 @@ class _LogReader:
             if len(line) <= _LONGEST_LINE:
                 stamp = find_stamp(line)
                 octets = split_octets(line if stamp is None else line[stamp[2] :])
-            if octets is not None and not octets.before.strip(" \t:,;|-"):
+            least = 1 if _OF_ANY_PROGRAM.issuperset(form.split(" and ")) else _SHORTEST  # fewer bytes are values
+            is_long = octets is not None and len(octets.data or octets.decimal or b"") >= least
+            if octets is not None and is_long and not octets.before.strip(" \t:,;|-"):
                 entries.append(LogEntry(number, octets.data, None, None, stamp and stamp[0], octets.decimal))
             elif not _SILENT.search(line, 0, _LONGEST_LINE):
                 left.append(number)
