@@ -222,7 +222,7 @@ def test_digits_of_a_message_are_no_bytes_of_a_line(tmp_path: Path) -> None:
     assert "each answer has the number of the request before" in run_here("diagnose", str(text)).stdout
 
 
-@pytest.mark.parametrize("words", ["", "Here is what I see on the line:\n"])
+@pytest.mark.parametrize("words", ["", "The meter answers nothing at all:\n"])
 def test_what_else_it_may_be_is_left_out_for_a_text_with_words(tmp_path: Path, words: str) -> None:
     log = tmp_path / "posted.txt"
     log.write_text(

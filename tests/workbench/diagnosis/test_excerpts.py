@@ -273,3 +273,10 @@ def test_eight_times_the_quantity_of_bits_is_named_where_requests_stand_alone() 
 def test_a_cut_answer_with_the_transaction_of_an_earlier_request_is_called_that() -> None:
     findings, _ = told("send: 00 08 00 00 00 06 01 03 00 00 00 02\nrecv: 00 07 00 00 00 07 01 03 04 00 17\n")
     assert "2 bytes are to come, of transaction 7, and 8 was asked [cut-frame]" in findings[0]
+
+
+def test_a_request_of_another_master_that_the_client_receives_with_its_response_is_no_echo() -> None:
+    other = "01 03 00 10 00 02 C5 CE 01 03 04 00 17 00 07 0B F5"
+    findings, _ = told(f"TX: 02 03 00 10 00 02 C5 FD\nRX: {other}\nTX: 02 03 00 10 00 02 C5 FD\nRX: {other}\n")
+    assert findings
+    assert not [finding for finding in findings if "[echo]" in finding]

@@ -25,7 +25,7 @@ from barewire_workbench.cli.sources import (
 )
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.diagnosis.modbus_log import LiveDiagnosis, ModbusLogDiagnosis
-from barewire_workbench.diagnosis.texts import NO_WHOLE_FRAMES, is_text, verdict_of_words, verdict_without_bytes
+from barewire_workbench.diagnosis.texts import NO_WHOLE_FRAMES, PROSE, is_text, verdict_of_words, verdict_without_bytes
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.live.listen import listen_with
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
@@ -138,7 +138,7 @@ def _with_words(
     traffic: Source, verdicts: list[tuple[str, LineVerdict]], *, has_words: bool
 ) -> list[tuple[str, LineVerdict]]:
     """Return the verdicts and the one on the words of a short text; nothing more for a line or bus, or a capture. What
-    else it may be is left out where people wrote words (`has_words`): these say more than a list of causes."""
+    else it may be is left out where people wrote sentences (`has_words`): these say more than a list of causes."""
     if traffic.endpoint is not None or len(traffic.recording.start) >= _TEXT_MAX:
         return verdicts
     if has_words:
@@ -184,7 +184,7 @@ def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
                 findings = iter(listed)
             printer.findings(findings)
             printer.unread.end()
-            has_words = any(isinstance(item, Unread) and " " in item.text for item in first.items)
+            has_words = any(isinstance(item, Unread) and PROSE.search(item.text) for item in first.items)
             printer.verdicts(_with_words(traffic, diagnosis.verdicts(), has_words=has_words))
             return
     printer.verdicts([("", words)])
@@ -213,5 +213,5 @@ def _diagnose_can(traffic: Source, diagnosis: CanLogDiagnosis, printer: _Printer
     check_bus(diagnosis.only, diagnosis.seen)
     printer.unread.items(diagnosis.unread)
     printer.unread.end()
-    has_words = any(" " in item.text for item in diagnosis.unread)
+    has_words = any(PROSE.search(item.text) is not None for item in diagnosis.unread)
     printer.verdicts(_with_words(traffic, diagnosis.verdicts(), has_words=has_words))

@@ -149,6 +149,7 @@ class LineDiagnosis:
         self._refusals = Refusals()
         self._stuck: Piece | None = None  # the last response behind another one, in the same read
         self._coil: RequestSeen | None = None  # the last request that has its response, if it writes one coil
+        self._sends = False  # requests that the client sent are in the log: others that it received are not its own
         self._echoed: SnifferEvent | None = None  # a request that is an echo
         self._instead = -1.0  # when something else than a response came, which has its finding
         self.one_side = ""
@@ -480,6 +481,7 @@ class LineDiagnosis:
     def _note_foreign(self, event: RequestSeen) -> None:
         """Count a request that the client received: its own echo, or one of another master."""
         piece, before = self._piece_of(event), self._last_request
+        self._sends |= piece is not None and piece.from_client is True
         is_received = piece is not None and piece.from_client is False and event.transaction is None
         if is_received and before is not None and before.unit != event.unit:
             self.counts.foreign += 1
@@ -641,7 +643,7 @@ class LineDiagnosis:
             self.counts.no_value[event.pdu[2:].hex().upper() + "h"] += 1
         piece, request_piece = self._piece_of(event), self._piece_of(request)
         is_received = request_piece is not None and request_piece.from_client is False
-        if piece is not None and piece.joined and is_received and request != self._echoed:
+        if piece is not None and piece.joined and is_received and not self._sends and request != self._echoed:
             text = "the client has read its own request before the response"
             yield self._located(event, Finding("echo", text, self._echo_proof(request).removesuffix(", twice")))
         coil, self._coil = self._coil, request if request.pdu[0] == _WRITES_COIL else None

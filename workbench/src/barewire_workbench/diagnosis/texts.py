@@ -235,7 +235,7 @@ _FAILURE = re.compile(
 )
 """Words of people on a line or bus, and on a failure: a text with one of each is a message too."""
 _IS_DEBUG = re.compile(r"\b(?:DEBUG|TRACE)\b|\b[DV] \(\d+\) |\[(?:VV?|D)\]")
-_PROSE = re.compile(r"(?:\b[A-Za-z']{2,}\b,? +){4}")
+PROSE = re.compile(r"(?:\b[A-Za-z']{2,}\b,? +){4}")
 """Words of a sentence: bytes beside them may be a part of a frame, or an example."""
 _NUMBER = re.compile(r"(?i)exception[ _]?(?:code)?[\"']?\s*[:=]?\s*[('\"]*(0x[0-9a-f]{1,2}|\d{1,2})\b(?!\d)(?!,)")
 _EXCEPTIONS = (
@@ -302,7 +302,7 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
     is_message = _IS_MESSAGE.search(text) or (_FIELD.search(text) and _FAILURE.search(text))
     pieces = pieces_of(text)
     readings = readings_of(text, pieces)
-    is_prose = 0 < max(map(len, pieces), default=0) < _REQUEST and _PROSE.search(text) is not None
+    is_prose = 0 < max(map(len, pieces), default=0) < _REQUEST and PROSE.search(text) is not None
     if "\0" in text or not (is_message or readings or is_prose):
         return None
     stated = _stated(text)
