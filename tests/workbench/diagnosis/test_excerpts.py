@@ -280,3 +280,11 @@ def test_a_request_of_another_master_that_the_client_receives_with_its_response_
     findings, _ = told(f"TX: 02 03 00 10 00 02 C5 FD\nRX: {other}\nTX: 02 03 00 10 00 02 C5 FD\nRX: {other}\n")
     assert findings
     assert not [finding for finding in findings if "[echo]" in finding]
+
+
+def test_a_request_that_is_sent_before_the_answer_to_the_one_before_is_called_that() -> None:
+    findings, _ = told(
+        "12:00:01.000 Tx: 01 03 00 10 00 02 C5 CE\n12:00:01.110 Tx: 01 03 00 00 00 02 C4 0B\n"
+        "12:00:01.200 Rx: 01 03 04 00 17 00 07 0B F5\n12:00:02.000 Tx: 01 03 00 00 00 02 C4 0B\n"
+    )
+    assert findings[0].endswith("[no-answer]: nothing for 0.110 s, then the next request")

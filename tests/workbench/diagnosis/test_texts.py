@@ -27,6 +27,7 @@ from tests.helpers import every_case
             "bytes",
         ),
         ("it failed", "no message that is known", "tcpdump"),
+        ("modbus-client received data: the request failed\nat jsmodbus/src/modbus-client.js", "no message", "DEBUG=*"),
         ("Failed to get data of the meter", "no message that is known", "tcpdump"),
         ("could not open port '/dev/ttyUSB0': [Errno 13] Permission denied", "denies the access", "sniff"),
         ("no sdo response recieved", "no answer came", "candump"),

@@ -787,7 +787,8 @@ class LineDiagnosis:
         text = f"no response to {explain_pdu(request.pdu, 'request').summary}"
         proof = "nothing before the next request" if following is not None else "nothing in the time for it"
         if self._timed:
-            proof = f"nothing for {event.at - request.at:.3f} s"
+            is_followed = isinstance(following, RequestSeen) and following.at == event.at
+            proof = f"nothing for {event.at - request.at:.3f} s{', then the next request' * is_followed}"
         yield Located(request.unit, Finding("no-answer", text, proof), event.at, line)
 
     def _is_echo(self, request: RequestSeen, following: SnifferEvent | None) -> bool:

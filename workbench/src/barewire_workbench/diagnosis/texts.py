@@ -45,7 +45,7 @@ _PROGRAMS: tuple[tuple[str, str, str], ...] = (
     ),
     (
         "Node-RED",
-        r"contribModbus|node-red|modbus-getter|modbus-client|\bFSM \w+",
+        r"contribModbus|node-red|modbus-getter|modbus-client:|\bFSM \w+",
         "DEBUG=contribModbus*,modbus-serial node-red -v",
     ),
     ("evcc", r"\bevcc\b|\[site *\]|\[lp-\d|cannot create (?:meter|charger|vehicle)", "evcc --log trace"),
