@@ -119,6 +119,19 @@ def shown(app: Any) -> str:
     return text_of(app.export_screenshot())
 
 
+async def wait_until(pilot: Pilot[None], is_so: Callable[[], bool]) -> None:
+    """Wait until something is so: on a busy computer `pilot.pause` may end before what was pressed has had effect."""
+    give_up = time.monotonic() + 60
+    while not is_so():
+        assert time.monotonic() < give_up, shown(pilot.app)
+        await pilot.pause(0.05)
+
+
+async def until_shown(pilot: Pilot[None], *texts: str) -> None:
+    """Wait until the screen shows these texts."""
+    await wait_until(pilot, lambda: all(text in shown(pilot.app) for text in texts))
+
+
 def on_screen(app: Any, act: Callable[[Pilot[None]], Awaitable[None]], size: tuple[int, int] = (80, 24)) -> None:
     """Run a screen without a terminal, and act on it."""
 
@@ -224,17 +237,16 @@ def test_the_list_grows_follows_and_stays_where_the_user_looks() -> None:
     app = screen_of(heard)
 
     async def act(pilot: Pilot[None]) -> None:
-        assert "nothing was heard yet" in shown(app)
+        await until_shown(pilot, "nothing was heard yet")
         for number in range(40):
             heard.put(row(number))
         app.look()
-        await pilot.pause()
-        assert "1 from 0027h" in shown(app)
-        assert "40 exchanges" in shown(app)
+        await until_shown(pilot, "1 from 0027h")
+        await until_shown(pilot, "40 exchanges")
         await pilot.press("up", "up")
         chosen = app.query_one(RowList).chosen
         assert chosen.at == 37
-        assert "paused" in shown(app)
+        await until_shown(pilot, "paused")
         heard.put(row(40))
         app.look()
         assert app.query_one(RowList).chosen is chosen
@@ -247,7 +259,7 @@ def test_the_list_grows_follows_and_stays_where_the_user_looks() -> None:
         await pilot.press("home")
         await pilot.pause()
         assert app.query_one(RowList).chosen.at == 0
-        assert "1 from 0000h" in shown(app)
+        await until_shown(pilot, "1 from 0000h")
 
     on_screen(app, act)
 
@@ -256,14 +268,13 @@ def test_the_chosen_row_is_explained(tmp_path: Path) -> None:
     app = screen_of(heard_of(LINE, tmp_path))
 
     async def act(pilot: Pilot[None]) -> None:
-        assert "CRC wrong, should be 0B F5" in shown(app)
+        await until_shown(pilot, "CRC wrong, should be 0B F5")
         await pilot.press("home")
-        await pilot.pause()
-        assert "request  01 03 00 00 00 02 C4 0B" in shown(app)
+        await until_shown(pilot, "request  01 03 00 00 00 02 C4 0B")
         assert re.search("function code +3 +03 Read Holding Registers", shown(app))
         assert "CRC wrong" not in shown(app)
         await pilot.press("d")
-        assert "no response to Read Holding Registers" in shown(app)
+        await until_shown(pilot, "no response to Read Holding Registers")
 
     on_screen(app, act, (120, 40))
 
@@ -299,7 +310,7 @@ def test_a_filter_is_typed_and_removed(tmp_path: Path) -> None:
         assert listed() == 5  # not yet a filter
         await pilot.press(*"2", "enter")
         assert listed() == 1
-        assert "1 shown" in shown(app)
+        await until_shown(pilot, "1 shown")
         await pilot.press("escape")
         assert listed() == 5
         await pilot.press("e")
@@ -328,8 +339,7 @@ def test_memory_is_bounded_and_what_was_dropped_is_counted() -> None:
         app.look()
         assert len(app.query_one(RowList).rows) == len(app._rows) == 50
         assert app.dropped + heard.dropped == 210
-        await pilot.pause()
-        assert "210 dropped" in shown(app)
+        await until_shown(pilot, "210 dropped")
         assert app.query_one(RowList).chosen.at == 210
         assert len(heard.rates._seconds) <= 11
 
@@ -372,9 +382,9 @@ def test_an_error_of_the_line_is_shown_and_the_screen_stays() -> None:
     app = screen_of(heard)
 
     async def act(pilot: Pilot[None]) -> None:
-        assert "/dev/x: it is gone" in shown(app)
+        await until_shown(pilot, "/dev/x: it is gone")
         await pilot.press("question_mark")
-        assert "only what is wrong" in shown(app)
+        await until_shown(pilot, "only what is wrong")
         await pilot.press("escape")
         assert isinstance(heard.error, PortError)
 
@@ -430,8 +440,8 @@ def test_values_of_the_group_that_is_shown_are_polled_and_shown() -> None:
         app.look()
         await pilot.pause()
         assert re.search(r"Current Ratio +55 % +0 … 120 % +rw", shown(app))
-        assert "connected" in shown(app)
-        assert "operation enabled" in shown(app)
+        await until_shown(pilot, "connected")
+        await until_shown(pilot, "operation enabled")
         machine.asked.clear()
         await pilot.press("right")
         line.turn()
@@ -473,16 +483,13 @@ def test_chosen_values_are_drawn_over_time_with_a_gap_where_the_machine_is_silen
         assert re.fullmatch("▁{23,29} {23,29}█{23,29}", bars.strip())
         assert "frames" not in screen
         await pilot.press("t")
-        await pilot.pause()
-        assert "-600 s" in shown(app)
+        await until_shown(pilot, "-600 s")
         await pilot.press("s")
-        await pilot.pause()
-        assert "frames" in shown(app)
+        await until_shown(pilot, "frames")
         await pilot.press("p", "up", "p")
         line.turn()
         app.look()
-        await pilot.pause()
-        assert "p: the chosen value, over time" in shown(app)
+        await until_shown(pilot, "p: the chosen value, over time")
 
     on_screen(app, act)
 
@@ -494,10 +501,9 @@ def test_only_numbers_are_drawn_and_four_at_most() -> None:
     async def act(pilot: Pilot[None]) -> None:
         for _ in range(5):
             await pilot.press("p", "down")
-        assert "4 values are drawn: p removes one of them" in shown(app)
+        await until_shown(pilot, "4 values are drawn: p removes one of them")
         await pilot.press("r")
-        await pilot.pause()
-        assert "r reads a setting behind the numbers of a menu" in shown(app)
+        await until_shown(pilot, "r reads a setting behind the numbers of a menu")
         assert len(app._scope.names) == 4
 
     on_screen(app, act)
@@ -510,12 +516,6 @@ def test_the_ramp_of_a_soft_starter_is_drawn_started_and_set() -> None:
         running(PanelLine(load("adxl"), f"{server.url}?timeout=60", period=0.05)) as line,
     ):
         app = MachineScreen(line, writable=True)
-
-        async def until_shown(pilot: Pilot[None], *texts: str) -> None:
-            give_up = time.monotonic() + 60
-            while not all(text in shown(app) for text in texts):
-                assert time.monotonic() < give_up, shown(app)
-                await pilot.pause(0.05)
 
         async def act(pilot: Pilot[None]) -> None:
             await until_shown(pilot, "(Starter ready)", "Max current  0 A", "Torque  0 %", "L3-L1 Voltage", "not read")
@@ -539,17 +539,14 @@ def test_without_write_no_number_of_a_menu_is_written() -> None:
     app = MachineScreen(line, writable=False)
 
     async def act(pilot: Pilot[None]) -> None:
-        assert "not asked yet" in shown(app)
+        await until_shown(pilot, "not asked yet")
         assert "no answer" not in shown(app)
         await pilot.press("end", "r")
-        await pilot.pause()
-        assert "start it with --write to write" in shown(app)
+        await until_shown(pilot, "start it with --write to write")
         await pilot.press("home", "p", "right")
-        await pilot.pause()
-        assert "write only" in shown(app)  # the group of commands
+        await until_shown(pilot, "write only")  # the group of commands
         await pilot.press("p")
-        await pilot.pause()
-        assert "is no number that is polled" in shown(app)
+        await until_shown(pilot, "is no number that is polled")
 
     on_screen(app, act, (160, 40))
 
@@ -557,25 +554,30 @@ def test_without_write_no_number_of_a_menu_is_written() -> None:
 def test_a_write_shows_its_frame_and_is_sent_after_yes() -> None:
     app, line, _ = panel_of(machine := Machine())
 
+    def written() -> bool:
+        line.turn()
+        return machine.values == {SETTING: 55}
+
     async def act(pilot: Pilot[None]) -> None:
         line.turn()
-        await pilot.press("enter", *"500", "enter")
-        await pilot.pause()
-        assert "Current Ratio" in shown(app)
+        await pilot.press("enter")
+        await wait_until(pilot, lambda: isinstance(app.screen, Ask))
+        await pilot.press(*"500", "enter")
+        await until_shown(pilot, "Current Ratio")
         assert isinstance(app.screen, Ask)
         await pilot.press(*"55", "enter")
-        await pilot.pause()
-        assert "01 06 04 38 00 37" in shown(app)
+        await until_shown(pilot, "01 06 04 38 00 37")
         await pilot.press("escape")
         await pilot.pause()
         line.turn()
         assert machine.values == {}
-        await pilot.press("enter", *"55", "enter", "y")
-        await pilot.pause()
-        line.turn()
-        await pilot.pause()
-        assert machine.values == {SETTING: 55}
-        assert "Current Ratio = 55 %, written; the device has 55 %" in shown(app)
+        await pilot.press("enter")
+        await wait_until(pilot, lambda: isinstance(app.screen, Ask))
+        await pilot.press(*"55", "enter")
+        await until_shown(pilot, "01 06 04 38 00 37")
+        await pilot.press("y")
+        await wait_until(pilot, written)
+        await until_shown(pilot, "Current Ratio = 55 %, written; the device has 55 %")
 
     on_screen(app, act, (160, 50))
 
@@ -586,7 +588,7 @@ def test_without_write_nothing_is_written() -> None:
     async def act(pilot: Pilot[None]) -> None:
         line.turn()
         await pilot.press("enter")
-        assert "start it with --write to write" in shown(app)
+        await until_shown(pilot, "start it with --write to write")
         await pilot.press("c")
         line.turn()
         assert not machine.values
@@ -599,18 +601,19 @@ def test_commands_of_a_drive_are_those_of_its_state() -> None:
     machine.values = {"Status Word": 0x0231}
     app, line, _ = panel_of(machine)
 
+    def written() -> bool:
+        line.turn()
+        return machine.values.get("Control Word") == 7
+
     async def act(pilot: Pilot[None]) -> None:
         line.turn()
         app.look()
         await pilot.press("c")
-        assert "1  switch on -> switched on, transition 3" in shown(app)
+        await until_shown(pilot, "1  switch on -> switched on, transition 3")
         await pilot.press("1")
-        await pilot.pause()
-        assert "Control Word = 7" in shown(app)
+        await until_shown(pilot, "Control Word = 7")
         await pilot.press("y")
-        await pilot.pause()
-        line.turn()
-        assert machine.values["Control Word"] == 7
+        await wait_until(pilot, written)
 
     on_screen(app, act, (120, 40))
 
@@ -623,13 +626,11 @@ def test_a_silent_machine_is_shown_in_red_until_it_answers() -> None:
         line.turn()
         clock.time += 90
         app.look()
-        await pilot.pause()
-        assert "no answer for 90 s: unit 1: no answer within 1 s" in shown(app)
+        await until_shown(pilot, "no answer for 90 s: unit 1: no answer within 1 s")
         machine.is_silent = False
         line.turn()
         app.look()
-        await pilot.pause()
-        assert "connected" in shown(app)
+        await until_shown(pilot, "connected")
 
     on_screen(app, act, (120, 40))
 
@@ -639,15 +640,14 @@ def test_the_diagnosis_of_the_last_frames_is_shown() -> None:
 
     async def act(pilot: Pilot[None]) -> None:
         await pilot.press("d")
-        assert "nothing wrong" in shown(app)
+        await until_shown(pilot, "nothing wrong")
         line._watch("sent", rtu_frame(1, unhex("03 0000 0002")))
         line._watch("received", rtu_frame(1, unhex("83 02")))
         clock.time += 10
         line.turn()
         app.look()
-        await pilot.pause()
-        assert "diagnosis of the last 1 exchanges" in shown(app)
-        assert "verdict: a device refused or reported something [refused]" in shown(app)
+        await until_shown(pilot, "diagnosis of the last 1 exchanges")
+        await until_shown(pilot, "verdict: a device refused or reported something [refused]")
 
     on_screen(app, act, (160, 50))
 
@@ -660,8 +660,7 @@ def test_frames_are_listed_and_the_chosen_one_is_explained() -> None:
         line._frames.watch("received", rtu_frame(1, unhex("03 04 0017 0007")))
         app.look()
         await pilot.press("tab", "up")
-        await pilot.pause()
-        assert "function code" in shown(app)
+        await until_shown(pilot, "function code")
         line._frames.watch("sent", rtu_frame(1, unhex("03 0000 0002")))
         app.look()
         assert app.query_one("#frames", RowList).chosen.direction == "sent"
