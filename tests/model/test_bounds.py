@@ -60,7 +60,7 @@ def test_a_bound_is_found_in_every_form_that_the_source_has() -> None:
         "line_state.py: deque(maxlen=_KEPT)",
         "line_state.py: pending.until > now",
         "channel.py: max(timeout, self.timeout)",
-        "channel.py: min(self.backlog, now + _BACKLOG)",
+        "channel.py: min(self.backlog, now + self.timeout)",
         "channel.py: heard.now >= self.quiet_until",
         "line_state.py: len(passed_over) < 3",
     ):

@@ -125,8 +125,6 @@ class ChannelCounters:
 _COUNTERS = tuple(field.name for field in fields(ChannelCounters) if field.name != "state")
 
 
-_BACKLOG = 0.1
-"""Seconds that reading the waiting frames may take at most."""
 _PAST = float("-inf")
 _PROBE = InitiateUpload(0, 0).encode()
 _LAST_FRAMES = b"\x80\xa1"  # the commands of a client that no response follows: an abort, the end of a block upload
@@ -432,7 +430,7 @@ class _Waits:
 
     def begin(self, now: float) -> None:
         """Set the limits that count from the beginning, of which the first frame tells the time."""
-        self.backlog = max(self.late, now + _BACKLOG)
+        self.backlog = max(self.late, now + self.timeout)
         self.give_up = max(self.backlog, now + 2 * self.timeout)
 
     @property
@@ -476,7 +474,7 @@ class _Waits:
         return place if is_open else None
 
     def _end_late(self, now: float) -> None:
-        self.late, self.backlog = _PAST, min(self.backlog, now + _BACKLOG)
+        self.late, self.backlog = _PAST, min(self.backlog, now + self.timeout)
 
 
 def _named_response(data: bytes) -> SdoResponse | None:

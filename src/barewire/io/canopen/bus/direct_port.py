@@ -23,7 +23,7 @@ from barewire.io.canopen.bus.subscriber import SUBSCRIBER_ROOM, FrameBus, Key, S
 
 _SLICE = 0.05
 """Seconds of one read, after which it is checked whether the bus was closed, or a second listener came."""
-_BACKLOG = 0.1
+_BACKLOG = 1.0
 """Seconds that reading the waiting frames of others may take at most: a busy bus is never silent."""
 
 
