@@ -317,6 +317,10 @@ More is left undecided than in the sets before, and less is wrong, and almost no
 wrong ones have bytes of Modbus: "outside of a frame" of an answer with only its CRC wrong or a stray 00 in front, "cut"
 of a frame whose print was cut or goes on in the next line, a PDU without an address read from its second byte. What is
 missed are mostly relations of two frames: an own echo, answers shifted by one, quantities in another unit.
+
+After the judgement, with these threads in view, a frame whose CRC alone does not fit is called that, bytes printed in
+part are no cut frame, an own echo and eight times the bits are named, CAN data of unknown meaning are not called good,
+and a time-out that a text denies is none. Nobody has judged the answers of today.
 """
 _RECORDS = {"second": _AGAIN, "third": _THIRD, "fourth": _FOURTH, "fifth": _FIFTH}
 """The records of sets that were unseen when judged, and what the page says of each."""
