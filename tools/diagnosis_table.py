@@ -106,8 +106,10 @@ def is_right(case: Case, codes: list[str]) -> bool:
 
 _UNDECIDED = {"nothing-proved", "open", "not-seen", "no-bytes", "said"}
 """Codes that accuse nobody and leave the cause open."""
-_SEEN = {"refused", "nothing-heard", "no-frame", "no-frames", "crc-wrong", "no-answer", "no-answers", "dead-unit"}
-_SEEN |= {"lost-answers"}
+_SEEN = {
+    "refused", "nothing-heard", "no-frame", "no-frames", "crc-wrong", "no-answer", "no-answers", "dead-unit",
+    "lost-answers",
+}  # fmt: skip
 """Codes that say what came or did not come, and not why."""
 
 

@@ -241,8 +241,7 @@ def test_the_list_grows_follows_and_stays_where_the_user_looks() -> None:
         for number in range(40):
             heard.put(row(number))
         app.look()
-        await until_shown(pilot, "1 from 0027h")
-        await until_shown(pilot, "40 exchanges")
+        await until_shown(pilot, "1 from 0027h", "40 exchanges")
         await pilot.press("up", "up")
         chosen = app.query_one(RowList).chosen
         assert chosen.at == 37
@@ -440,8 +439,7 @@ def test_values_of_the_group_that_is_shown_are_polled_and_shown() -> None:
         app.look()
         await pilot.pause()
         assert re.search(r"Current Ratio +55 % +0 … 120 % +rw", shown(app))
-        await until_shown(pilot, "connected")
-        await until_shown(pilot, "operation enabled")
+        await until_shown(pilot, "connected", "operation enabled")
         machine.asked.clear()
         await pilot.press("right")
         line.turn()
@@ -646,8 +644,9 @@ def test_the_diagnosis_of_the_last_frames_is_shown() -> None:
         clock.time += 10
         line.turn()
         app.look()
-        await until_shown(pilot, "diagnosis of the last 1 exchanges")
-        await until_shown(pilot, "verdict: a device refused or reported something [refused]")
+        await until_shown(
+            pilot, "diagnosis of the last 1 exchanges", "verdict: a device refused or reported something [refused]"
+        )
 
     on_screen(app, act, (160, 50))
 

@@ -430,6 +430,7 @@ class _Waits:
 
     def begin(self, now: float) -> None:
         """Set the limits that count from the beginning, of which the first frame tells the time."""
+        # A slow computer needs long for what waits, and would take a frame left unread for a response.
         self.backlog = max(self.late, now + self.timeout)
         self.give_up = max(self.backlog, now + 2 * self.timeout)
 

@@ -24,6 +24,7 @@ from barewire_workbench.cli.sources import (
     window_option,
 )
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
+from barewire_workbench.diagnosis.modbus_line import has_no_reading
 from barewire_workbench.diagnosis.modbus_log import LiveDiagnosis, ModbusLogDiagnosis
 from barewire_workbench.diagnosis.texts import NO_WHOLE_FRAMES, PROSE, is_text, verdict_of_words, verdict_without_bytes
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
@@ -135,13 +136,13 @@ class _Printer:
 
 
 def _with_words(
-    traffic: Source, verdicts: list[tuple[str, LineVerdict]], *, has_words: bool
+    traffic: Source, verdicts: list[tuple[str, LineVerdict]], unread: Iterable[Unread]
 ) -> list[tuple[str, LineVerdict]]:
     """Return the verdicts and the one on the words of a short text; nothing more for a line or bus, or a capture. What
-    else it may be is left out where people wrote sentences (`has_words`): these say more than a list of causes."""
+    else it may be is left out where people wrote sentences: these say more than a list of causes."""
     if traffic.endpoint is not None or len(traffic.recording.start) >= _TEXT_MAX:
         return verdicts
-    if has_words:
+    if any(PROSE.search(item.text) for item in unread):
         verdicts = [(name, verdict._replace(otherwise="")) for name, verdict in verdicts]
     text = traffic.recording.start.decode("utf-8", "replace")
     words = verdict_of_words(text, {verdict.code for _, verdict in verdicts})
@@ -177,15 +178,15 @@ def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
             if words is not None and words.text == NO_WHOLE_FRAMES and len(text) < _TEXT_MAX:
                 listed = list(findings)
                 if not any(line.counts.frames for line in diagnosis.lines.values()) and all(
-                    found.finding.text.endswith((" outside of a frame", " without a frame")) for found in listed
+                    has_no_reading(found.finding) for found in listed
                 ):
                     printer.verdicts([("", words)])
                     return
                 findings = iter(listed)
             printer.findings(findings)
             printer.unread.end()
-            has_words = any(isinstance(item, Unread) and PROSE.search(item.text) for item in first.items)
-            printer.verdicts(_with_words(traffic, diagnosis.verdicts(), has_words=has_words))
+            unread = (item for item in first.items if isinstance(item, Unread))
+            printer.verdicts(_with_words(traffic, diagnosis.verdicts(), unread))
             return
     printer.verdicts([("", words)])
 
@@ -213,5 +214,4 @@ def _diagnose_can(traffic: Source, diagnosis: CanLogDiagnosis, printer: _Printer
     check_bus(diagnosis.only, diagnosis.seen)
     printer.unread.items(diagnosis.unread)
     printer.unread.end()
-    has_words = any(PROSE.search(item.text) is not None for item in diagnosis.unread)
-    printer.verdicts(_with_words(traffic, diagnosis.verdicts(), has_words=has_words))
+    printer.verdicts(_with_words(traffic, diagnosis.verdicts(), diagnosis.unread))

@@ -518,13 +518,14 @@ class BusDiagnosis:
         if self.monitor.takes_segment(frame):
             return
         owner = classify(frame)
-        if owner is not None and not frame.remote and ("PDO" not in owner[0].name or self._dialects):
+        is_pdo = owner is not None and "PDO" in owner[0].name
+        if owner is not None and not frame.remote and (not is_pdo or self._dialects):
             self._judged = True
         if owner is not None and owner[0].from_device:
             self._reset = ""
         elif frame.id == 0 and frame.data[:1] in _RESETS and len(frame.data) > 1:
             self._reset = f"node {frame.data[1]}" if frame.data[1] else "all nodes"
-        if owner is not None and "PDO" in owner[0].name and self.counts.frames <= _ALONE:
+        if owner is not None and is_pdo and self.counts.frames <= _ALONE:
             self._alone[frame.id] = f"{owner[0].name} of node {owner[1]}"
         elif self._alone:
             self._alone.clear()

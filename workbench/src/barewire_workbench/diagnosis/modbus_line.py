@@ -98,6 +98,7 @@ _SIDE_SHOWN = 3
 _FEW = 16
 """Different refusals that are told apart by what was asked."""
 _WRITES_COIL = 0x05
+_WITHOUT, _OUTSIDE = " without a frame", " outside of a frame"
 _DIAGNOSTICS, _LISTEN_ONLY = 0x08, b"\x00\x04"
 
 
@@ -295,7 +296,7 @@ class LineDiagnosis:
             yield self._stray("noise-after", noise, self._before, f"behind a frame of unit {self._before.adu.unit}")
         else:
             self.counts.stray += 1
-            text = f"{counted(len(noise.data))} without a frame"
+            text = f"{counted(len(noise.data))}{_WITHOUT}"
             yield Located(0, Finding("no-frame", text, content(noise.data)), noise.end, noise.line)
 
     def _begins_answer(self, noise: Piece) -> bool:
@@ -395,7 +396,7 @@ class LineDiagnosis:
             return
         counts.kinds["no-frame"] += 1
         counts.strange += not begins
-        text = f"{counted(len(noise.data))} outside of a frame" + (", where a response was due" if unit else "")
+        text = f"{counted(len(noise.data))}{_OUTSIDE}" + (", where a response was due" if unit else "")
         if self.protocol == "tcp" and noise.joined and self._before is not None:
             text = f"{counted(len(noise.data))} behind a frame, which the length in its header does not count"
         yield Located(unit, Finding("no-frame", text, content(noise.data)), noise.end, noise.line)
@@ -645,7 +646,7 @@ class LineDiagnosis:
         is_received = request_piece is not None and request_piece.from_client is False
         if piece is not None and piece.joined and is_received and not self._sends and request != self._echoed:
             text = "the client has read its own request before the response"
-            yield self._located(event, Finding("echo", text, self._echo_proof(request).removesuffix(", twice")))
+            yield self._located(event, Finding("echo", text, _sent(request)))
         coil, self._coil = self._coil, request if request.pdu[0] == _WRITES_COIL else None
         if (
             coil is not None
@@ -732,7 +733,7 @@ class LineDiagnosis:
             self._echoed = following
             unit.requests -= 1
             text = "the request is received again at once, as its sender's own echo"
-            yield Located(request.unit, Finding("echo", text, self._echo_proof(request)), request.at, line)
+            yield Located(request.unit, Finding("echo", text, f"{_sent(request)}, twice"), request.at, line)
             return
         if (request.unit, request.at) in self._spoiled or self._listens(request):
             return
@@ -801,14 +802,20 @@ class LineDiagnosis:
         joined = piece is not None and piece.joined
         return joined or (self._timed and following.at - request.at <= _AT_ONCE)
 
-    def _echo_proof(self, request: RequestSeen) -> str:
-        return f"unit {request.unit}, {shown_digits(request.pdu)}, twice"
-
     def _listens(self, request: RequestSeen | AmbiguousFrame) -> bool:
         """Return whether the unit was commanded to answer nothing [MB-APP 6.8, Force Listen Only Mode]."""
         if request.pdu[0] == _DIAGNOSTICS and request.pdu[1:3] == _LISTEN_ONLY:
             self._listening.add(request.unit)
         return request.unit in self._listening
+
+
+def has_no_reading(finding: Finding) -> bool:
+    """Return whether a finding says of bytes no more than that they are no frame."""
+    return finding.code == "no-frame" and finding.text.endswith((_WITHOUT, _OUTSIDE))
+
+
+def _sent(request: RequestSeen) -> str:
+    return f"unit {request.unit}, {shown_digits(request.pdu)}"
 
 
 def _written(half: AmbiguousFrame) -> str:

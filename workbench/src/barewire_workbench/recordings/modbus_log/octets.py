@@ -324,7 +324,9 @@ _INSIDE = (
 _LEAST_INSIDE, _LONGEST_INSIDE = 4, 2000
 _MAC = 17
 """Characters of the address of a network card, 02:42:ac:11:00:02."""
-_CUT = re.compile(r"(?<![.\w])\.\.\.(?!\.)[\s'\")\]>}]*$|…|\d+ more bytes?|(?<=\w )(?:[xX]{2}|\?\?)(?!\w)")
+HIDDEN = r"(?:[xX]{2}|\?\?)(?!\w)"
+"""A byte that is not shown, as a pattern."""
+_CUT = re.compile(rf"(?<![.\w])\.\.\.(?!\.)[\s'\")\]>}}]*$|…|\d+ more bytes?|(?<=\w ){HIDDEN}")
 """What a program prints in place of the bytes that it leaves out."""
 _OPENER = re.compile(
     r"(?:\{?\s*\"type\"\s*:\s*\"Buffer\"\s*,\s*\"data\"\s*:\s*|<?Buffer|bytearray\(b?|bytes\(|\bb)?[\s\"'({\[]*$"

@@ -26,6 +26,7 @@ from barewire_workbench.frames.input import parse_string_literal
 from barewire_workbench.recordings.modbus_log.envelope import ENVELOPE_START, envelope_size
 from barewire_workbench.recordings.modbus_log.marked import direction_of, frame_pdu, has_its_length
 from barewire_workbench.recordings.modbus_log.model import LogEntry
+from barewire_workbench.recordings.modbus_log.octets import HIDDEN
 from barewire_workbench.sniffer import shapes
 
 _TOKEN = re.compile(
@@ -42,7 +43,7 @@ _QUOTES = str.maketrans("\u201c\u201d\u201e\u2018\u2019", '"""\'\'')
 """Quotes as a word processor or a forum sets them."""
 _WORD = re.compile(r"(?i)[g-z][a-z]{2,}|[a-z]{2,}[g-z]|[^\x00-\x7F]{2}")
 _ONE_NOTATION, IN_PART = "bytes in one notation", "bytes that are printed in part"
-_CUT = re.compile(r"[\s,;:>\])'\"]{0,3}(?:\.\.\.|…|(?:[xX]{2}|\?\?)(?!\w))")
+_CUT = re.compile(rf"[\s,;:>\])'\"]{{0,3}}(?:\.\.\.|…|{HIDDEN})")
 """What stands behind bytes in place of the others."""
 _CODE = re.compile(r"(?:=\s*\[?|\{)\s*~|~\s*(?:,\s*$|[};])")
 """Where bytes stand in the code of a program: ~ are they."""
