@@ -2,9 +2,9 @@
 
 One process of Chromium carries the twenty as contexts, which share neither connections nor storage, as twenty browsers
 on one computer would. The panel is the command, in a process of its own; the device counts the requests at the other
-end of a pseudo-terminal. `make proof` takes 200 polls; those of an hour, with what was counted:
+end of a pseudo-terminal. `make proof` takes 100 polls; those of an hour, with what was counted:
 
-    BAREWIRE_POLLS=7200 make suite WORKERS= LONGEST=7200 ARGS="-m proof -s tests/website/test_twenty_browsers.py"
+    BAREWIRE_POLLS=7200 make suite WORKERS= ARGS="-m proof -s tests/website/test_twenty_browsers.py"
 """
 
 from __future__ import annotations
@@ -34,12 +34,13 @@ pytestmark = [
         not Path("/proc/self/smaps_rollup").exists(), reason="the memory of a process is read from /proc"
     ),
     pytest.mark.proof,
+    pytest.mark.timeout(7200),  # each wait ends after LOADED; twenty pages are drawn by two processors or by one
 ]
 
 BROWSERS = 20
 PERIOD = 0.05
 """Seconds between two polls: a tenth of those of a panel without `--period`."""
-POLLS = int(os.environ.get("BAREWIRE_POLLS", "200"))
+POLLS = int(os.environ.get("BAREWIRE_POLLS", "100"))
 """Polls while the memory is watched; 7,200 are an hour with the period of half a second."""
 
 
@@ -107,19 +108,23 @@ def requests_per_poll(panel: Panel, device: Device, polls: int) -> float:
 
 
 def write_from(pages: list[Page], first: int) -> None:
-    """Write another value from each page, all confirmed before the first of them has its answer."""
+    """Write another value from each page, all confirmed before the first of them has its answer.
+
+    The keyboard is used: before a click playwright waits until the page has been drawn some twenty times, and on one
+    busy computer twenty pages take turns at that.
+    """
     for number, page in enumerate(pages, first):
-        page.get_by_role("button", name="Write Profile Velocity").click()
+        page.get_by_role("button", name="Write Profile Velocity").press("Enter")
         page.get_by_label("New value").fill(str(number))
         page.keyboard.press("Enter")
     for page in pages:
         expect(page.locator("#plan .frame")).to_be_visible(timeout=LOADED)
     for page in pages:
-        page.get_by_role("button", name="Send it").click()
+        page.get_by_role("button", name="Send it").press("Enter")
     for number, page in enumerate(pages, first):
         expected = f"written; the device has {number} step/s"
         expect(page.locator("#write-result")).to_contain_text(expected, timeout=LOADED)
-        page.get_by_role("button", name="Close").click()
+        page.get_by_role("button", name="Close").press("Enter")
 
 
 def test_twenty_browsers_cost_one_poll_lose_no_write_and_survive_a_restart_in_flat_memory(tmp_path: Path) -> None:
@@ -133,7 +138,7 @@ def test_twenty_browsers_cost_one_poll_lose_no_write_and_survive_a_restart_in_fl
                 pages[-1].get_by_label("Group").select_option("Motion")
             for page in pages:
                 expect(value_of(page, "Profile Velocity")).to_have_text("24000 step/s", timeout=LOADED)
-            costs.append(requests_per_poll(panel, device, 100))
+            costs.append(requests_per_poll(panel, device, 40))
         assert costs[1] == pytest.approx(costs[0], rel=0.1)  # polls and requests are not counted at the same moment
 
         write_from(pages, first=5000)
