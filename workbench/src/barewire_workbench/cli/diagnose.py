@@ -24,8 +24,8 @@ from barewire_workbench.cli.sources import (
     window_option,
 )
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
-from barewire_workbench.diagnosis.modbus_line import has_no_reading
 from barewire_workbench.diagnosis.modbus_log import LiveDiagnosis, ModbusLogDiagnosis
+from barewire_workbench.diagnosis.modbus_noise import has_no_reading
 from barewire_workbench.diagnosis.texts import NO_WHOLE_FRAMES, PROSE, is_text, verdict_of_words, verdict_without_bytes
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.live.listen import listen_with

@@ -17,6 +17,7 @@ Whole logs and live lines: findings with their place and time, then verdicts on 
     verdict          findings with place and time, the closed list of verdicts
     can_log          a CAN bus, on the events of the monitor; what is counted on it
     modbus_pieces    the frames and the noise of a line, each with its place; the diagnosis of damaged ones
+    modbus_noise     noise beside a frame, and damaged frames
     modbus_responses what a single response or damaged piece is, beside the requests and pieces before it
     modbus_counts    what is counted on a line, and the verdicts that follow
     fragments        bytes in a text that are no whole frame: data of SDO messages, floats

@@ -10,7 +10,8 @@ from collections import Counter
 from collections.abc import Callable, Iterable, Iterator
 from itertools import chain
 
-from barewire_workbench.diagnosis.modbus_line import LineDiagnosis, Located
+from barewire_workbench.diagnosis.modbus_line import LineDiagnosis
+from barewire_workbench.diagnosis.modbus_noise import Located
 from barewire_workbench.diagnosis.modbus_pieces import TrackedLine
 from barewire_workbench.diagnosis.modbus_responses import STRAY, Envelopes
 from barewire_workbench.diagnosis.tcp import diagnose_tcp
@@ -73,8 +74,8 @@ class ModbusLogDiagnosis:
         self._tracked.setdefault(name, []).append(tracked)
         if name not in self.lines:
             self.lines[name] = LineDiagnosis(protocol, timed=self.log.timed)
-            self.lines[name].repeated = self._repeated
-            self.lines[name].one_side, self.lines[name].is_cut = self._one_side, self._is_cut
+            self.lines[name].one_side = self._one_side
+            self.lines[name].pieces.repeated, self.lines[name].pieces.is_cut = self._repeated, self._is_cut
         if len(self.lines) == 2:  # one alone has no name
             for other, diagnosis in self.lines.items():
                 diagnosis.name = other

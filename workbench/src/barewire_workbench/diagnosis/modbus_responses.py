@@ -2,6 +2,7 @@
 
     OpenRequests     which open or given-up request a response belongs to: late, transaction exchanged or of another
     Refusals         what units refuse and what they serve
+    OneSide          the frames of a log that shows requests alone, or responses alone
     Envelopes        frames of Solarman V5 around RTU: another logger answers, or it has no RTU frame
     Overlap          two requests that were open at once, and what came to them
     compared         damaged bytes beside earlier ones: the rest of a frame, bytes in front, a byte too many
@@ -51,6 +52,8 @@ _SIDES: tuple[tuple[FrameRole, Callable[[bytes], int | None]], ...] = (
 )
 _SHOWN = 32
 """Characters of a text in the proof of a finding."""
+_SIDE_SHOWN = 3
+"""Frames of a log of one side that a verdict names."""
 
 
 class OpenRequests:
@@ -222,6 +225,28 @@ class Overlap:
             if seen is not None
         ]
         return f"{asked[0]}, and {apart} {asked[1]}; {', '.join(answers)}"
+
+
+class OneSide:
+    """The first frames of a log that shows requests alone, or responses alone."""
+
+    def __init__(self) -> None:
+        self._last: RequestSeen | ResponseSeen | None = None
+        self._shown: list[str] = []
+
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {', '.join(self._shown)}>"
+
+    def note(self, frame: RequestSeen | ResponseSeen) -> str:
+        """Take the next frame; return what a verdict says of the log."""
+        role: FrameRole = "request" if isinstance(frame, RequestSeen) else "response"
+        before, self._last = self._last, frame
+        if role == "request" and before is not None and (more := eight_times(before, frame)):
+            self._shown = [f"{explain_pdu(frame.pdu, role).summary}: {more}"]
+        elif len(self._shown) < _SIDE_SHOWN:
+            what = "request to" if role == "request" else "response of"
+            self._shown.append(f"{what} unit {frame.unit}, {explain_pdu(frame.pdu, role).summary}")
+        return ", ".join(self._shown)
 
 
 def compared(data: bytes, seen: Iterable[Piece]) -> list[Finding]:
