@@ -139,7 +139,7 @@ def test_a_gap_that_ends_during_an_exchange_of_another_unit_is_noticed_once(
             )
         assert (read, silence) == ("03 02 00 01", "83 0b")
 
-    through(config(backend(line.url, "1-2", "timeout = 0.5\ngap = 0.2")), act)
+    through(config(backend(line.url, "1-2", "gap = 0.2\ntimeout = 30\n[backend.unit.2]\ntimeout = 0.5")), act)
     assert len(rounds) < 20
 
 

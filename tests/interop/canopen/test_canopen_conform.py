@@ -13,7 +13,7 @@ from barewire.io.endpoint import Endpoint
 from barewire_workbench.live.canopen_conformance import conform_can
 from tests.interop.canopen.can_bench import NODE, dictionary_of_theirs
 
-URL = f"can://virtual/their-node?node={NODE}&timeout=0.15"
+URL = f"can://virtual/their-node?node={NODE}&timeout=0.5"
 DEVIATIONS = {
     "SDO-07": "any sub-index of a variable is the variable",
     "SDO-32": "a frame with 29 bits is treated like one with 11",

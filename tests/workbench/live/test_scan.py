@@ -233,7 +233,7 @@ def station(url: str) -> Iterator[None]:
 def test_the_nodes_of_a_bus() -> None:
     url = "can://memory/scanned"
     with CanopenServer(f"{url}?node=5", device="az3"), CanopenServer(f"{url}?node=6", device="az3"), station(url):
-        found: dict[int, FoundNode] = {node.node: node for node in scan_canopen(url, listen=0.3, timeout=0.5)}
+        found: dict[int, FoundNode] = {node.node: node for node in scan_canopen(url, listen=1.0, timeout=0.5)}
     assert sorted(found) == [5, 6, 9]
     assert found[5].url == "can://memory/scanned?node=5"
     assert "profile 402 (drives)" in str(found[5].identity)

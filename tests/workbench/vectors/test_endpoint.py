@@ -75,7 +75,7 @@ def test_a_running_device_passes_fails_lacks_what_a_case_needs_and_is_gone(monke
     vectors = selected(VECTORS, only=[NODE_CASES[name] for name in names])
     url = f"can://virtual/vectors?node={NODE}"
     monkeypatch.setattr(shell, "BOOT", 0.1)
-    with CanopenServer(url, device=device) as server, LiveDevice(Endpoint.parse(f"{url}&timeout=0.2")) as ask:
+    with CanopenServer(url, device=device) as server, LiveDevice(Endpoint.parse(f"{url}&timeout=1")) as ask:
         found = {one.case["name"]: one.verdict for one in run_cases(vectors, ask)}
         server.close()
         gone = [one.verdict.text for one in run_cases(selected(vectors, only=[NODE_CASES["SDO-45"]]), ask)]
