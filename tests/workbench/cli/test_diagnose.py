@@ -193,7 +193,7 @@ def test_a_text_without_bytes_ends_with_its_verdict_and_status_1(tmp_path: Path)
     done = run_here("diagnose", str(text))
     assert done.returncode == 1
     assert done.stdout.startswith(
-        "verdict: undecided: no frame is read in this text, so that no cause is proved [no-bytes]: "
+        'verdict: undecided: "Failed to connect" (line 1): the TCP connection is not made [no-bytes]: no frame is read '
     )
 
 

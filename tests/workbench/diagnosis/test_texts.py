@@ -32,14 +32,23 @@ from tests.helpers import every_case
         ("could not open port '/dev/ttyUSB0': [Errno 13] Permission denied", "denies the access", "sniff"),
         ("no sdo response recieved", "no answer came", "candump"),
         ("can0: bus-off", "left the bus", "candump"),
+        ("TWAI: A (Bit, Stuff, CRC, Form, ACK) error has occurred", "counts errors in frames", "candump"),
+        ("can state ERROR-WARNING (berr-counter tx 0 rx 96) restart-ms 0", "counts errors in frames", "candump"),
+        ("canopen.sdo.exceptions.SdoCommunicationError: Unexpected response 0x80", "an SDO abort came", "candump"),
     ],
 )
 def test_the_verdict_says_what_the_words_state_and_how_to_get_the_bytes(text: str, states: str, program: str) -> None:
     verdict = verdict_without_bytes(text)
     assert verdict is not None
     assert verdict.code == "no-bytes"
-    assert states in verdict.evidence
-    assert program in verdict.evidence
+    assert states in verdict.sentence
+    assert program in verdict.sentence
+
+
+def test_a_can_controller_without_errors_counts_none() -> None:
+    verdict = verdict_without_bytes("no frames: can state ERROR-ACTIVE (berr-counter tx 0 rx 0) restart-ms 100")
+    assert verdict is not None
+    assert "counts errors" not in verdict.sentence
 
 
 @pytest.mark.parametrize("text", ["a shopping list", "01 03 00 0G", "", "12.5", "abc\0def: it failed"])
@@ -63,8 +72,8 @@ def test_what_is_no_message_has_no_verdict(text: str) -> None:
 def test_words_of_the_field_and_of_a_failure_are_a_message(text: str, states: str, program: str) -> None:
     verdict = verdict_without_bytes(text)
     assert verdict is not None
-    assert states in verdict.evidence
-    assert program in verdict.evidence
+    assert states in verdict.sentence
+    assert program in verdict.sentence
 
 
 @every_case(
@@ -90,13 +99,13 @@ def test_words_of_the_field_and_of_a_failure_are_a_message(text: str, states: st
 def test_settings_code_and_what_people_write_are_no_messages(text: str) -> None:
     verdict = verdict_without_bytes(text)
     assert verdict is not None
-    assert "no message that is known here" in verdict.evidence
+    assert "no message that is known here" in verdict.sentence
 
 
 def test_the_words_are_shown_with_their_line() -> None:
     verdict = verdict_without_bytes("I try to read my meter.\nIt prints\nModbus Error: No Response received")
     assert verdict is not None
-    assert '"No Response" (line 3): no answer came in time' in verdict.evidence
+    assert '"No Response" (line 3): no answer came in time' in verdict.sentence
 
 
 @pytest.mark.parametrize(
@@ -130,7 +139,7 @@ def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() ->
             "Data length error, expected 261 got 5",
             '5 bytes came where 261 were expected: the length of a refusal; "length error, expected 261 got 5"',
         ),
-        ("sdo request: no response", "no answer came in time; the bytes of an exchange that fails would tell more"),
+        ("sdo request: no response", "no answer came in time [no-bytes]: no frame is read in this text"),
         ("Result: EX_ILLEGAL_ADDRESS", "exception 02 (illegal data address)"),
         ("modbus exception 02", "exception 02 (illegal data address)"),
         ("Unexpected start address in response. Expected 262, received 5.", "no message that is known"),
@@ -162,7 +171,7 @@ def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() ->
 def test_a_message_means_what_its_words_say_and_no_cause_is_guessed(text: str, states: str) -> None:
     verdict = verdict_without_bytes(text)
     assert verdict is not None
-    assert states in verdict.evidence
+    assert states in verdict.sentence
 
 
 @every_case(
@@ -182,7 +191,7 @@ def test_bytes_that_are_no_whole_frame_are_shown_and_read_where_that_makes_sense
     verdict = verdict_without_bytes(text)
     assert verdict is not None
     assert verdict.code == "not-seen"
-    assert states in verdict.evidence
+    assert states in verdict.sentence
 
 
 def test_a_float_that_is_plausible_as_it_stands_is_not_called_one_in_another_order() -> None:
@@ -213,7 +222,7 @@ def test_words_beside_bytes_are_said_and_not_seen(text: str, codes: set[str], sa
     assert (verdict is None) is (says is None)
     if verdict is not None and says is not None:
         assert verdict.code == "said"
-        assert says in verdict.evidence
+        assert says in verdict.sentence
 
 
 @every_case(
@@ -234,7 +243,7 @@ def test_words_beside_bytes_are_said_and_not_seen(text: str, codes: set[str], sa
 def test_messages_of_the_field_are_known(text: str, states: str) -> None:
     verdict = verdict_without_bytes(text)
     assert verdict is not None
-    assert states in verdict.evidence
+    assert states in verdict.sentence
 
 
 @every_case(
@@ -251,6 +260,7 @@ def test_messages_of_the_field_are_known(text: str, states: str) -> None:
 def test_no_cause_is_listed(text: str) -> None:
     verdict = verdict_without_bytes(text)
     assert verdict is not None
-    assert verdict.sentence.startswith("verdict: undecided: no frame is read in this text")
+    assert verdict.sentence.startswith('verdict: undecided: "')
+    assert "[no-bytes]: no frame is read in this text, so that no cause is proved; " in verdict.sentence
     for word in ("wires", "DE,", "termination", "parity", "baud", "another unit", "is off", "noise", "registers"):
         assert word not in verdict.sentence

@@ -24,6 +24,7 @@ from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog
 
 _SHOWN = 8
 """Pieces of bytes that a verdict shows."""
+_NO_FRAMES = "no frame is read in this text, so that no cause is proved"
 NO_WHOLE_FRAMES = "no whole frame is read in this text, so that no cause is proved"
 """What the verdict says of data, or of a few bytes in a sentence."""
 _ONLY_SAID = "the messages beside the bytes are said, not seen"
@@ -117,7 +118,7 @@ _PROGRAMS: tuple[tuple[str, str, str], ...] = (
         "a program on CAN",
         r"(?i)socketcan|\bv?can\d\b|Can(?:Operation|Initialization)?Error|No buffer space|canopen|abort code|"
         r"\bSDO\b|\bPDO\b|\bNMT\b|\bEMCY\b|bus[- ]?off|heartbeat|boot-?up|Transition timeout|"
-        r"\bcan[-_ ]?bus|slcan|mcp[-_]?2515|\btwai\b|flexcan|fdcan|bxcan|"
+        r"\bcan[-_ ]?bus|slcan|berr-counter|mcp[-_]?2515|\btwai\b|flexcan|fdcan|bxcan|"
         r"stuff(?:ing)? error|(?-i:\bCAN\b)|\b(?:11|29)[- ]?bit\b",
         _CANDUMP,
     ),
@@ -152,6 +153,12 @@ _STATED: tuple[tuple[str, str], ...] = (
         "a frame broke the rules of bit stuffing or form",
     ),
     (r"(?i)\bbit[01]?[- _]err\w*", "the controller read another bit than it sent"),
+    (
+        r"(?i)\(bit, stuff, crc, form, ack\) error|\bbus[- _]error count: [1-9]|"
+        r"\bberr-counter tx (?:[1-9]\d*|0 rx [1-9]\d*)",
+        "the CAN controller counts errors in frames: no acknowledge, stuffing, form, a bit, or the CRC",
+    ),
+    (r"Unexpected response 0x80\b", "an SDO abort came where a confirmation was due"),
     (r"(?i)no buffer space|ENOBUFS|\bErr(?:no|or Code) 105\b", "the send queue of the interface is full"),
     (r"(?i)\bbus[- _]off\b", "the CAN controller has left the bus, since its error counter passed its limit"),
     (r"\bstate ERROR-ACTIVE\b", "the CAN controller is error active: its error counters are low"),
@@ -313,9 +320,8 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
         return LineVerdict(
             "not-seen", NO_WHOLE_FRAMES, f"{', '.join(map(shown_digits, pieces[:_SHOWN]))}; {said}{_more(text, stated)}"
         )
-    return LineVerdict(
-        "no-bytes", "no frame is read in this text, so that no cause is proved", said + _more(text, stated)
-    )
+    first, second = (said, _NO_FRAMES) if stated else (_NO_FRAMES, said)  # the words that the reader knows come first
+    return LineVerdict("no-bytes", first, second + _more(text, stated))
 
 
 def _more(text: str, stated: Collection[_Stated]) -> str:
