@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import random
+import re
 import struct
 from collections.abc import Iterable
 from functools import cache
@@ -16,7 +17,13 @@ import pytest
 from barewire.canopen import CanFrame, ErrorFrame, FdFrame
 from barewire.canopen.frame import AnyFrame
 from barewire_workbench.monitor import event_as_dict, event_line
-from barewire_workbench.monitor.recording import CanRecordingWriter, is_can_recording, read_recording, replay_can
+from barewire_workbench.monitor.recording import (
+    CanRecordingWriter,
+    is_can_recording,
+    is_timed,
+    read_recording,
+    replay_can,
+)
 from barewire_workbench.recordings.can_texts import read_asc
 from barewire_workbench.recordings.candump import log_line
 from barewire_workbench.recordings.capture import SOCKETCAN, to_packet
@@ -188,6 +195,49 @@ def test_an_invalid_time_is_unread(stamp: str) -> None:
     assert [type(item) for item in read_asc(asc)] == [Recorded, Unread]
 
 
+BUSMASTER = """\
+***BUSMASTER Ver 3.2.2***
+***PROTOCOL CAN***
+***{mode}***
+***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***
+{rows}
+***[STOP LOGGING SESSION]***
+"""
+
+
+@pytest.mark.parametrize(
+    ("mode", "rows", "expected"),
+    [
+        (
+            "SYSTEM MODE",
+            "23:59:59:9990 Tx 1 0x605 s 2 40 41\n0:0:0:0010 Rx 2 0x18EBFF00 x 1 FF",
+            [(86399.999, "1", "605#4041", True), (86400.001, "2", "18EBFF00#FF", False)],
+        ),
+        (
+            "ABSOLUTE MODE",
+            "00:00:01:5000 Rx 1 0x705 sr 1\n00:00:01:5001 Rx 1 0x1000000 xr 0",
+            [(1.5, "1", "705#R1", False), (1.5001, "1", "01000000#R", False)],
+        ),
+        (
+            "RELATIVE MODE",
+            "00:00:01:5000 Rx 1 0x705 s 1 05\n00:00:00:5000 Rx 1 0x705 s 0 05",  # bytes of the frame before
+            [(1.5, "1", "705#05", False), (2.0, "1", "705#", False)],
+        ),
+        ("DEC", "00:00:06:9840 Rx 1 1413 s 2 075 065", [(6.984, "1", "585#4B41", False)]),
+    ],
+)
+def test_logs_of_busmaster_are_read_in_all_modes(
+    mode: str, rows: str, expected: list[tuple[float, str, str, bool]]
+) -> None:
+    text = BUSMASTER.format(mode=mode, rows=rows)
+    posted = re.sub(r"(?m)^\*{3}(.*)\*{3}$", r"**_\1**_", text)  # Markdown makes that of it
+    for log in (text, posted, f"The log is attached.\n{text}"):
+        assert is_can_recording(log.encode())
+        assert is_timed(log.encode())
+        items = list(read_recording(log.encode()))
+        assert [(round(item.at, 6), item.bus, str(item.frame), item.sent) for item in items] == expected  # type: ignore[union-attr]
+
+
 # Damaged -------------------------------------------------------------------------------------------------------------
 
 
@@ -198,11 +248,16 @@ def seeds() -> dict[str, bytes]:
     capture = keeper.start + b"".join(keeper.put(at, f"can{place % 3}", frame) for place, (at, frame) in enumerate(run))
     asc = ["base hex  timestamps absolute"]
     asc += [f"{at - BEGAN:9.6f} 1  {frame.id:X} Rx d {frame.dlc} {frame.data.hex(' ')}" for at, frame in frames()[:60]]
+    rows = [
+        f"0:0:{at - BEGAN:02.0f}:0 Rx 1 0x{frame.id:X} s {frame.dlc} {frame.data.hex(' ')}"
+        for at, frame in frames()[:60]
+    ]
     objects = [classical(frame.id, frame.data, at=round((at - BEGAN) * 1e9)) for at, frame in frames()[:60]]
     return {
         "candump": "\n".join(log_line(at, "can0", frame) for at, frame in run).encode(),
         "screen": b"\n".join(b" (%f)  can0  705   [2]  0%d 7F" % (at, at % 9) for at in range(60)),
         "asc": "\n".join(asc).encode(),
+        "busmaster": BUSMASTER.format(mode="HEX", rows="\n".join(rows)).encode(),
         "blf": blf(container(b"".join(objects[:30])), container(b"".join(objects[30:]), packing=0)),
         "pcapng": capture,
     }
@@ -220,7 +275,7 @@ def damaged(data: bytes, dice: random.Random) -> bytes:
     return data
 
 
-@pytest.mark.parametrize("form", ["candump", "screen", "asc", "blf", "pcapng"])
+@pytest.mark.parametrize("form", ["candump", "screen", "asc", "busmaster", "blf", "pcapng"])
 def test_a_damaged_recording_is_read_as_far_as_possible(form: str) -> None:
     """Every item has a line and JSON, and can be written again; nothing raises, and reading ends."""
     dice, keeper = random.Random(form), CanRecordingWriter("a.pcapng")

@@ -76,6 +76,25 @@ def test_a_bad_line_of_asc_is_reported_and_skipped(line: str, why: str) -> None:
     assert why in bad.why
 
 
+@pytest.mark.parametrize(
+    ("line", "why"),
+    [
+        ("00:00:01:0000 Rx 1 0x605 s 8 40 41", "the length is 8, but 2 bytes"),
+        ("00:00:01:0000 Rx 1 0x905 s 1 40", "expected up to 7FF"),
+        ("00:00:01:0000 Rx 1 0x605 s 1 GG", "no numbers of base 16"),
+        ("00:00:01:0000 Rx 1 0x605 s 1 140", "no numbers of base 16"),
+        ("00:00:01:0000 Rx 1 0x605 s 9 00 00 00 00 00 00 00 00 00", "expected 0 to 8"),
+        ("00:00:01:0000 Error", "not a line of BUSMASTER"),
+    ],
+)
+def test_a_bad_line_of_busmaster_is_reported_and_skipped(line: str, why: str) -> None:
+    good = "00:00:00:5000 Rx 1 0x705 s 1 05"
+    first, bad, last = read_recording(f"***BUSMASTER Ver 3.2.2***\n{good}\n{line}\n{good}\n".encode())
+    assert isinstance(bad, Unread)
+    assert (bad.line, isinstance(first, Recorded), isinstance(last, Recorded)) == (3, True, True)
+    assert why in bad.why
+
+
 def test_frames_dropped_by_the_recorder_are_reported() -> None:
     def with_drops(frame: AnyFrame, drops: int) -> bytes:
         body = to_packet(frame)

@@ -4,7 +4,7 @@ The formats:
 
     candump      its log, and its screen output            Vector ASC      text
     pcapng, pcap SocketCAN frames, link type 227           Vector BLF      binary
-    log of the CANopen conformance test tool of CiA        PEAK TRC, python-can   text
+    log of the CANopen conformance test tool of CiA        PEAK TRC, python-can, BUSMASTER   text
 """
 
 from __future__ import annotations
@@ -20,11 +20,13 @@ from barewire_workbench.monitor.monitor import CanMonitor
 from barewire_workbench.recordings.blf import BLF_MAGIC, read_blf
 from barewire_workbench.recordings.can_texts import (
     is_asc,
+    is_busmaster,
     is_can_notes,
     is_conformance_log,
     is_python_can_text,
     is_trc,
     read_asc,
+    read_busmaster,
     read_can_notes,
     read_conformance_log,
     read_python_can_text,
@@ -52,6 +54,7 @@ _TEXT_FORMS: tuple[tuple[Callable[[str], bool], Callable[[Iterable[str]], Iterat
     (is_trc, read_trc),
     (is_python_can_text, read_python_can_text),
     (is_asc, read_asc),
+    (is_busmaster, read_busmaster),
     (is_candump, read_candump),
     (is_conformance_log, read_conformance_log),
     (is_can_notes, read_can_notes),
@@ -85,7 +88,7 @@ def is_timed(data: bytes) -> bool:
     if data[:4] == BLF_MAGIC or is_capture(data):
         return True
     text = _text(data[:_INSPECTED])
-    if is_asc(text) or is_trc(text) or is_python_can_text(text):
+    if is_asc(text) or is_trc(text) or is_python_can_text(text) or is_busmaster(text):
         return True
     return has_times(text) and not is_conformance_log(text)
 
@@ -120,7 +123,8 @@ def read_recording(recording: bytes | RecordingSource) -> Iterator[RecordedItem]
         if is_form(start):
             lines = chain.from_iterable(source.text_parts(_of_windows, _LONGEST_LINE))
             return read_candump(lines, are_differences(start)) if read is read_candump else read(lines)
-    text = "not a recording of CAN: expected candump, ASC, BLF, TRC, pcapng, pcap, text of python-can or a CiA log"
+    forms = "candump, ASC, BLF, TRC, pcapng, pcap, text of BUSMASTER or python-can, or a CiA log"
+    text = f"not a recording of CAN: expected {forms}"
     raise DecodeError("value", source.start[:16], 0, text)
 
 

@@ -1,4 +1,4 @@
-"""Recordings of CAN as text: of CANalyzer, of PEAK, of python-can, of the test tool of CiA, and notes.
+"""Recordings of CAN as text: of CANalyzer, PEAK, BUSMASTER, python-can, the test tool of CiA, and notes.
 
 **Vector ASC: CAN frames as lines of text, written by CANalyzer and other tools**
 
@@ -26,6 +26,18 @@ the format (statistics, status, other buses, comments) are skipped.
          2      1060.100 RR  1  0705 Rx -  1                                    a remote frame; ER error, ST status ...
 
 Times are milliseconds from the start. An identifier of 8 digits is an extended one.
+
+**Logs of BUSMASTER, of Bosch and ETAS**
+
+    ***BUSMASTER Ver 3.2.2***                              in Markdown, a title may have become **_BUSMASTER ..._**
+    ***HEX***                                              or DEC
+    ***ABSOLUTE MODE***                                    or SYSTEM: the time of day; RELATIVE: since the line before
+    ***<Time><Tx/Rx><Channel><CAN ID><Type><DLC><DataBytes>***
+    00:00:06:9840 Tx 1 0x605 s 8 40 41 60 00 00 00 00 00   hours, minutes, seconds, 0.1 ms; x: an extended identifier
+    00:00:06:9851 Rx 1 1413 s 8 075 065 096 000 055 ...    DEC: three digits for each byte
+    00:00:06:9860 Rx 1 0x705 sr 1                          a remote frame
+
+Bytes behind the length are left out: some versions print those of the frame before.
 
 **What python-can prints and writes as text: its Printer, `can_logger`, and its CSV files**
 
@@ -303,6 +315,75 @@ def _trc_frame(kind: str, identifier: str, length: int, tokens: list[str], line:
 
 def _trc_error(line: str, token: str) -> bool:
     raise text_error("character", line, 0, f"{token[:24]!r} is not a byte")
+
+
+_BUSMASTER_TITLE = re.compile(r"[*_]{3,}(?:BUSMASTER Ver|<Time><Tx/Rx><Channel><CAN ID>)")
+_BUSMASTER_MODE = re.compile(r"[*_]{3,}(HEX|DEC|(?:RELATIVE|ABSOLUTE|SYSTEM) MODE)[*_]{3,}")
+_BUSMASTER_FRAME = re.compile(
+    r"(?P<hours>\d{1,4}):(?P<minutes>\d{1,2}):(?P<seconds>\d{1,2}):(?P<part>\d{1,4})\s+(?P<way>Tx|Rx)\s+(?P<bus>\d{1,3})\s+"
+    r"(?P<id>(?:0x)?[0-9A-Fa-f]{1,10})\s+(?P<kind>sr?|xr?)\s+(?P<length>\d{1,2})(?P<rest>(?:\s.*)?)$",
+    re.ASCII,
+)
+_DAY = 86400.0
+
+
+def is_busmaster(text: str) -> bool:
+    """Return whether a text has a title of BUSMASTER.
+
+    >>> is_busmaster("***BUSMASTER Ver 3.2.2***"), is_busmaster("(1.5) can0 705#05")
+    (True, False)
+    """
+    return any(_BUSMASTER_TITLE.match(line.strip()) for line in text.splitlines())
+
+
+def read_busmaster(text: str | Iterable[str]) -> Iterator[RecordedItem]:
+    """Yield the frames of a log.
+
+    >>> [str(item.frame) for item in read_busmaster("***DEC***\\n00:00:06:9840 Rx 1 1413 s 2 075 065")]
+    ['585#4B41']
+    """
+    base, is_relative, now, has_title = 16, False, 0.0, False
+    for number, line in enumerate(split_lines(text), start=1):
+        has_title |= _BUSMASTER_TITLE.match(line.strip()) is not None
+        if mode := _BUSMASTER_MODE.match(line.strip()):
+            base = {"HEX": 16, "DEC": 10}.get(mode[1], base)
+            is_relative = is_relative if mode[1] in ("HEX", "DEC") else mode[1].startswith("RELATIVE")
+        row = _BUSMASTER_FRAME.match(line.strip())
+        if row is None:
+            if has_title and line.strip() and not line.lstrip().startswith(("***", "**_")):
+                yield unread(now, number, "not a line of BUSMASTER", line)
+            continue
+        part = int(row["part"]) / (10_000 if len(row["part"]) == 4 else 1000)
+        stamp = int(row["hours"]) * 3600 + int(row["minutes"]) * 60 + int(row["seconds"]) + part
+        if is_relative:
+            now += stamp
+        else:
+            now = stamp + _DAY * round(max(0.0, now - stamp) / _DAY)  # at midnight the time of day begins anew
+        try:
+            yield Recorded(now, row["bus"], _busmaster_frame(row, base), number, row["way"] == "Tx")
+        except DecodeError as error:
+            yield unread(now, number, error, line)
+
+
+def _busmaster_frame(row: re.Match[str], base: int) -> CanFrame:
+    line, length, extended = row[0], int(row["length"]), row["kind"].startswith("x")
+    tokens = row["rest"].split()[:length]
+    try:
+        number = int(row["id"], 16 if row["id"].startswith("0x") else base)
+        data = bytes(int(token, base) for token in tokens)
+    except ValueError:
+        raise text_error(
+            "character", line, 0, f"{row['id']} {' '.join(tokens)[:24]} are no numbers of base {base}"
+        ) from None
+    if number > (EXTENDED_MAX if extended else BASE_MAX):
+        raise text_error("value", line, 0, f"identifier {number:X}h: expected up to 7FF, or 1FFFFFFF for x")
+    if length > DATA_MAX:
+        raise text_error("length", line, 0, f"length {length}: expected 0 to {DATA_MAX}")
+    if row["kind"].endswith("r"):
+        return CanFrame(number, b"", extended, True, length)
+    if len(data) < length:
+        raise text_error("length", line, len(line), f"the length is {length}, but {len(data)} bytes follow")
+    return CanFrame(number, data, extended)
 
 
 _CSV_HEAD = "timestamp,arbitration_id,extended,remote,error,dlc,data"
