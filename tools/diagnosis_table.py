@@ -322,7 +322,8 @@ missed are mostly relations of two frames: an own echo, answers shifted by one, 
 
 After the judgement, with these threads in view, a frame whose CRC alone does not fit is called that, bytes printed in
 part are no cut frame, an own echo and eight times the bits are named, CAN data of unknown meaning are not called good,
-and a time-out that a text denies is none. Nobody has judged the answers of today.
+and a time-out that a text denies is none. Logs of BUSMASTER are read, and the answer to a text without bytes begins
+with the message that is known. Nobody has judged the answers of today.
 """
 _RECORDS = {"second": _AGAIN, "third": _THIRD, "fourth": _FOURTH, "fifth": _FIFTH}
 """The records of sets that were unseen when judged, and what the page says of each."""
