@@ -168,27 +168,27 @@ def _diagnose_log(traffic: Source, window: float, printer: _Printer) -> None:
         is_long = len(traffic.recording.start) >= _TEXT_MAX
         if words is None or (is_long and words.code == "not-seen"):  # a recording may be meant: which line is none
             raise
-    else:
-        if words is None or not is_text(first):
-            is_whole = len(traffic.recording.start) < _TEXT_MAX and traffic.name != "-"  # a pipe may go on
-            if is_whole:
-                first = first._replace(items=(*first.items, *(item for part in others for item in part.items)))
-            diagnosis = ModbusLogDiagnosis(first, window, traffic.protocol, whole=is_whole)
-            findings = diagnosis.findings(others)
-            if words is not None and words.text == NO_WHOLE_FRAMES and len(text) < _TEXT_MAX:
-                listed = list(findings)
-                if not any(line.counts.frames for line in diagnosis.lines.values()) and all(
-                    has_no_reading(found.finding) for found in listed
-                ):
-                    printer.verdicts([("", words)])
-                    return
-                findings = iter(listed)
-            printer.findings(findings)
-            printer.unread.end()
-            unread = (item for item in first.items if isinstance(item, Unread))
-            printer.verdicts(_with_words(traffic, diagnosis.verdicts(), unread))
+        printer.verdicts([("", words)])
+        return
+    if words is not None and is_text(first):
+        printer.verdicts([("", words)])
+        return
+    is_whole = len(traffic.recording.start) < _TEXT_MAX and traffic.name != "-"  # a pipe may go on
+    if is_whole:
+        first = first._replace(items=(*first.items, *(item for part in others for item in part.items)))
+    diagnosis = ModbusLogDiagnosis(first, window, traffic.protocol, whole=is_whole)
+    findings = diagnosis.findings(others)
+    if words is not None and words.text == NO_WHOLE_FRAMES and len(text) < _TEXT_MAX:
+        listed = list(findings)
+        has_frames = any(line.counts.frames for line in diagnosis.lines.values())
+        if not has_frames and all(has_no_reading(found.finding) for found in listed):
+            printer.verdicts([("", words)])
             return
-    printer.verdicts([("", words)])
+        findings = iter(listed)
+    printer.findings(findings)
+    printer.unread.end()
+    unread = (item for item in first.items if isinstance(item, Unread))
+    printer.verdicts(_with_words(traffic, diagnosis.verdicts(), unread))
 
 
 def _diagnose_line(endpoint: Endpoint, seconds: float | None, window: float, printer: _Printer) -> None:
