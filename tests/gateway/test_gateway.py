@@ -71,6 +71,13 @@ async def answer(client: AsyncModbusClient, unit: int, pdu: str) -> str:
         return (declined.pdu or b"").hex(" ")
 
 
+async def submitted(gateway: Gateway, requests: int) -> None:
+    """Wait until so many requests wait for their backend or are under way there."""
+    async with asyncio.timeout(WAIT):
+        while sum(line.dispatcher.size + len(line.under_way) for line in gateway.backends) < requests:
+            await asyncio.sleep(0.001)
+
+
 @pytest.mark.parametrize("scheme", ["rtu://pty", "ascii://pty", *(f"{name}://127.0.0.1:0" for name in
                          ("tcp", "udp", "rtu+tcp", "ascii+tcp"))])  # fmt: skip
 def test_every_kind_of_line(servers: Callable[..., ModbusServer], scheme: str) -> None:
@@ -206,14 +213,14 @@ class Slow:
 
 
 def test_a_client_that_leaves_disturbs_nobody(servers: Callable[..., ModbusServer]) -> None:
-    slow = Slow(0.2)
+    slow = Slow(0.5)
     line = servers("rtu+tcp://127.0.0.1:0", {1: slow})
 
     async def act(gateway: Gateway, client: AsyncModbusClient) -> None:
         leaving = AsyncModbusClient(gateway.urls[0], timeout=WAIT, in_flight=4)
         await leaving.open()
         asked = [asyncio.ensure_future(leaving.at(unit=1).read_holding_registers(first, 1)) for first in range(4)]
-        await asyncio.sleep(0.05)
+        await submitted(gateway, 4)
         await leaving.close()
         await asyncio.gather(*asked, return_exceptions=True)
         assert await client.at(unit=1).read_holding_registers(50, 2) == (50, 51)
@@ -305,7 +312,7 @@ def test_a_reload_goes_on_with_what_is_the_same(servers: Callable[..., ModbusSer
 
     async def act(gateway: Gateway, client: AsyncModbusClient) -> None:
         asked = asyncio.ensure_future(client.at(unit=1).read_holding_registers(7, 1))
-        await asyncio.sleep(0.05)
+        await submitted(gateway, 1)
         listeners = gateway.config.listeners
         new = config(first, backend(changed.url, "2,3", "[backend.unit.3]\nas = 2", name="changed"))
         await gateway.reload(read_config(new.replace("tcp://127.0.0.1:0", listeners[0], 1)))
@@ -320,23 +327,23 @@ def test_a_reload_goes_on_with_what_is_the_same(servers: Callable[..., ModbusSer
 
 def test_a_policy_holds_as_soon_as_it_is_read(servers: Callable[..., ModbusServer]) -> None:
     """It does not wait for the backends that end with the reload."""
-    kept, changed = servers("tcp://127.0.0.1:0", {1: numbers()}), servers("tcp://127.0.0.1:0", {2: Slow(0.3)})
+    kept, changed = servers("tcp://127.0.0.1:0", {1: numbers()}), servers("tcp://127.0.0.1:0", {2: Slow(1.0)})
     first = backend(kept.url, "1", name="kept")
 
     async def act(gateway: Gateway, client: AsyncModbusClient) -> None:
         await client.at(unit=1).write_single_register(1, 5)
-        asked = [asyncio.ensure_future(client.at(unit=2).read_holding_registers(at, 1)) for at in range(4)]
-        await asyncio.sleep(0.05)
-        second = backend(changed.url, "2", "timeout = 2", name="changed")
+        asked = [asyncio.ensure_future(client.at(unit=2).read_holding_registers(at, 1)) for at in range(2)]
+        await submitted(gateway, 2)
+        second = backend(changed.url, "2", "timeout = 30", name="changed")
         new = config(first, second, listen=gateway.config.listeners[0], more="[policy]\nread_only = true")
         reloading = asyncio.ensure_future(gateway.reload(read_config(new)))
-        await asyncio.sleep(0.05)
+        await asyncio.sleep(0)
         assert await answer(client, 1, "06 00 01 00 06") == "86 01"
         assert not reloading.done()
         await reloading
-        assert await asyncio.gather(*asked) == [(0,), (1,), (2,), (3,)]
+        assert await asyncio.gather(*asked) == [(0,), (1,)]
 
-    through(config(first, backend(changed.url, "2", name="changed")), act, in_flight=8)
+    through(config(first, backend(changed.url, "2", "timeout = 20", name="changed")), act, in_flight=8)
 
 
 def test_options_of_a_listener_change_at_its_port(servers: Callable[..., ModbusServer]) -> None:
@@ -385,7 +392,7 @@ def test_a_gateway_that_closes_answers_what_is_under_way_first(servers: Callable
 
     async def act(gateway: Gateway, client: AsyncModbusClient) -> None:
         asked = [asyncio.ensure_future(client.at(unit=1).read_holding_registers(first, 1)) for first in range(3)]
-        await asyncio.sleep(0.02)
+        await submitted(gateway, 3)
         await gateway.close()
         assert await asyncio.gather(*asked) == [(0,), (1,), (2,)]
 

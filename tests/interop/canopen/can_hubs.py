@@ -32,7 +32,7 @@ def hub(*arguments: str, lines: int = 1) -> Iterator[list[str]]:
             yield [process.stdout.readline().strip() for _ in range(lines)]
         finally:
             process.stdin.close()
-            process.wait(10)
+            process.wait(60)
 
 
 class Adapter:

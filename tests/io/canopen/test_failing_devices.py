@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import logging
+import time
 from collections.abc import AsyncIterator, Awaitable, Callable
 from contextlib import asynccontextmanager
 from typing import Any
@@ -156,9 +157,10 @@ def test_a_machine_that_raises_errors_gets_the_next_frame(kind: str) -> None:
                         await master.send(CanFrame(0x122, data))
                         assert await answers.get(PATIENCE) == CanFrame(0x124, data)
                     assert host.statistics.errors[0] == "Crashing.feed: RuntimeError: a defect"
-                    fed = machine.fed
+                    fed, began = machine.fed, time.monotonic()
                     await asyncio.sleep(0.5)
-                    assert machine.fed - fed < 20, "it is always due, and is fed once in 0.1 s"
+                    most = 15 + 10 * (time.monotonic() - began)
+                    assert machine.fed - fed < most, "it is always due, and is fed once in 0.1 s"
 
     asyncio.run(main())
 

@@ -484,7 +484,7 @@ def test_over_the_limit_connections_without_requests_are_closed_first(way: str, 
 @both
 def test_an_idle_connection_is_closed_even_after_half_a_request(way: str) -> None:
     async def main() -> None:
-        async with serving(way, idle=2) as server:
+        async with serving(way, idle=4) as server:
             silent, half, busy = [await Client.of(server) for _ in range(3)]
             half.writer.write(READ[:5])
             for _ in range(1200):
@@ -495,7 +495,7 @@ def test_an_idle_connection_is_closed_even_after_half_a_request(way: str) -> Non
             assert await silent.is_closed()
             assert await half.is_closed()
             assert len(server.connections) == 1
-            assert "silent for 2 s" in server.connections.closed[-1]
+            assert "silent for 4 s" in server.connections.closed[-1]
             await asyncio.gather(*(client.close() for client in (silent, half, busy)))
 
     asyncio.run(main())

@@ -83,7 +83,7 @@ def simulated(*arguments: str, client_option: str = "timeout=30") -> Iterator[li
             yield urls
         finally:
             process.send_signal(signal.SIGTERM)
-        assert process.wait(30) == 0
+        assert process.wait(60) == 0
         assert process.stderr.read() == ""
 
 
@@ -105,7 +105,7 @@ def read_until(endpoint: str, device: str, name: str, expected: str, *write: str
     """Repeat `read` until its output contains the expected text, and return that; another process changes the value.
 
     The command `write` is repeated before each reading."""
-    give_up = time.monotonic() + 20
+    give_up = time.monotonic() + 120
     if write:
         output_of(*write)
     while expected not in (text := output_of("read", endpoint, device, name)):

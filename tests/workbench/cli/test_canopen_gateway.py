@@ -24,14 +24,14 @@ def test_a_client_reads_and_resets_a_node() -> None:
                 word, _, address = gateway.stdout.readline().rstrip().partition(" ")
                 assert word == "ready"
                 host, _, port = address.partition(":")
-                with socket.create_connection((host, int(port)), timeout=10) as client, client.makefile("r") as lines:
+                with socket.create_connection((host, int(port)), timeout=60) as client, client.makefile("r") as lines:
                     client.sendall(b"[1] 5 read 0x1017 0 u16\n[2] 5 reset node\n")
                     assert [next(lines) for _ in range(3)] == ["[1] 1000\n", "[2] OK\n", "1 5 BOOT_UP\n"]
                     client.sendall(b"[3] 1 read 0x1008 0 vs\n")
                     assert next(lines) == '[3] "barewire gateway"\n'
             finally:
                 gateway.send_signal(signal.SIGTERM)
-            assert gateway.wait(timeout=10) == 0
+            assert gateway.wait(timeout=60) == 0
 
 
 def test_an_address_of_ipv6_is_printed_as_it_is_typed() -> None:
@@ -42,7 +42,7 @@ def test_an_address_of_ipv6_is_printed_as_it_is_typed() -> None:
             assert gateway.stdout.readline().startswith("ready [::1]:")
         finally:
             gateway.send_signal(signal.SIGTERM)
-        assert gateway.wait(timeout=10) == 0
+        assert gateway.wait(timeout=60) == 0
 
 
 def test_an_eds_without_a_node_id_is_refused() -> None:

@@ -86,7 +86,7 @@ def test_the_help_of_a_command_needs_no_endpoint_and_device(place: tuple[str, ..
 
 def comes_to_rest(endpoint: str) -> bool:
     """Whether the velocity becomes 0: a CSD MT shows the mean of the last 100 ms, also after the motor has stopped."""
-    end = time.monotonic() + 20
+    end = time.monotonic() + 120
     while time.monotonic() < end:
         if output_of("read", endpoint, "csd-mt", "Velocity Actual Value").startswith("Velocity Actual Value = 0 "):
             return True
@@ -110,7 +110,7 @@ def test_ctrl_c_is_a_quick_stop(presses: int) -> None:
             last = process.stdout.read().splitlines()[-1]
             report = process.stderr.read()
             # A press after the command, while Python itself ends, kills the process; a shell shows 130 for that too.
-            assert process.wait(10) in ((130,) if presses == 1 else (130, -signal.SIGINT))
+            assert process.wait(60) in ((130,) if presses == 1 else (130, -signal.SIGINT))
         assert report.startswith("barewire: move was interrupted: quick stop, the motor stands at position ")
         # The line is followed by an empty one if a further press came behind it.
         ending = report if presses == 1 else report.rstrip("\n") + "\n"
@@ -134,7 +134,7 @@ def test_the_end_of_the_command_is_a_quick_stop(how: str) -> None:
             else:
                 process.send_signal(getattr(signal, how))
                 assert json.loads(process.stdout.read().splitlines()[-1])["state"] == "quick stop active"
-            assert process.wait(20) == {"SIGTERM": 143, "SIGHUP": 129, "closed": 1}[how]
+            assert process.wait(60) == {"SIGTERM": 143, "SIGHUP": 129, "closed": 1}[how]
         assert comes_to_rest(endpoint)
 
 
@@ -306,7 +306,7 @@ def test_a_broken_connection_during_a_movement_names_the_danger() -> None:
             machine.send_signal(signal.SIGTERM)
             process.stdout.read()
             error = process.stderr.read()
-            assert process.wait(30) == 1
+            assert process.wait(60) == 1
     assert error.count("\n") == 1
     assert error.endswith("; move: the motor may still be turning\n")
 

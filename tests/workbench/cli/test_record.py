@@ -105,7 +105,7 @@ def test_a_live_line_is_recorded_until_it_is_interrupted(tmp_path: Path) -> None
     with subprocess.Popen(command, stdout=subprocess.PIPE, stderr=subprocess.PIPE, env=ENVIRONMENT) as process:
         assert process.stderr is not None
         assert process.stdout is not None
-        give_up = time.monotonic() + 20
+        give_up = time.monotonic() + 120
         # Frames sent before the port is open are lost, and the first may be a response. Each exchange is printed.
         printed = b""
         with selectors.DefaultSelector() as output:
@@ -117,7 +117,7 @@ def test_a_live_line_is_recorded_until_it_is_interrupted(tmp_path: Path) -> None
                 if output.select(0.1):
                     printed += os.read(process.stdout.fileno(), 4096)
         process.send_signal(signal.SIGINT)
-        assert process.wait(20) == 0, process.stderr.read()
+        assert process.wait(60) == 0, process.stderr.read()
     assert terminal.receive(0.0) is None
     terminal.close()
     (request,) = recorded_units(target)[1].recorded.requests
