@@ -72,7 +72,7 @@ def test_a_wrong_answer_fails_one_case(tmp_path: Path) -> None:
     ("answer", "text"),
     [
         ("os._exit(3)", "it ended without an answer (exit status 3)"),
-        ("time.sleep(60)", "no answer within 0.5 s"),
+        ("time.sleep(60)", "no answer within 3 s"),
         ("'hello there'", "its answer is not JSON: 'hello there'"),
         ("[1]", "its answer is not an object: '[1]'"),
         ("{'is': {}}", "its answer has no id of a question"),
@@ -86,7 +86,7 @@ def test_a_wrong_answer_fails_one_case(tmp_path: Path) -> None:
     ],
 )
 def test_an_adapter_that_fails_once_fails_one_case(tmp_path: Path, answer: str, text: str) -> None:
-    found = run(program(tmp_path, f"{answer} if q['id'] == '{SECOND}.encode' else right(q)"), timeout=0.5)
+    found = run(program(tmp_path, f"{answer} if q['id'] == '{SECOND}.encode' else right(q)"), timeout=3)
     states = {case_id: checked.verdict.state for case_id, checked in found.items()}
     assert states.pop(SECOND) == "failed"
     assert text in found[SECOND].verdict.text
@@ -169,18 +169,18 @@ def test_a_signal_ends_the_adapter_too(tmp_path: Path, number: signal.Signals, a
 
 def test_answers_to_earlier_questions_do_not_put_off_the_end(tmp_path: Path) -> None:
     flood = '[print(\'{"id": "lrc-1.encode"}\', flush=True) for _ in iter(int, 1)]'
-    found = run(program(tmp_path, f"{flood} if q['id'] == '{SECOND}.encode' else right(q)"), timeout=0.3)
+    found = run(program(tmp_path, f"{flood} if q['id'] == '{SECOND}.encode' else right(q)"), timeout=3)
     failed = {case_id: checked.verdict.text for case_id, checked in found.items() if checked.verdict.state == "failed"}
     assert failed == {SECOND: f"{found[SECOND].verdict.text}"}
-    assert failed[SECOND].startswith("encode: no answer within 0.3 s")
+    assert failed[SECOND].startswith("encode: no answer within 3 s")
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="process groups of POSIX")
 def test_what_an_adapter_has_started_ends_with_it(tmp_path: Path) -> None:
     """The child holds the pipes: whoever closed them would wait for it."""
     forks = "time.sleep(600) if os.fork() == 0 else os._exit(3)"
-    found = run(program(tmp_path, f"right(q) if q['id'] != '{SECOND}.encode' else {forks}"), timeout=0.5)
-    assert found[SECOND].verdict.text == "encode: no answer within 0.5 s (exit status 3)"
+    found = run(program(tmp_path, f"right(q) if q['id'] != '{SECOND}.encode' else {forks}"), timeout=3)
+    assert found[SECOND].verdict.text == "encode: no answer within 3 s (exit status 3)"
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
