@@ -22,7 +22,7 @@ def test_diff_dry_run_configure_and_no_differences(tmp_path: Path) -> None:
         lines = done.stdout.splitlines()
         assert (done.returncode, done.stderr) == (1, "")
         assert [line.partition(" ")[0] for line in lines] == ["1017h:00", "1800h:02"]
-        assert lines[0].endswith(": device 1000, configuration 500")
+        assert lines[0].endswith(": device 1000, configuration 5000")
         rows = [json.loads(line) for line in run_here("canopen", "diff", bus, str(file), "--json").stdout.splitlines()]
         assert (rows[0]["node"], rows[0]["object"], rows[0]["device"], rows[0]["configuration"]) == (
             5,
@@ -78,11 +78,11 @@ def plan(tmp_path: Path, startup: int = 1, device_type: int = 0) -> Path:
 
 def test_boot_a_network_of_dcfs(tmp_path: Path) -> None:
     file = tmp_path / "left.dcf"
-    file.write_bytes(eds.to_dcf(export(load("az3")), 5, {(0x1017, 0): 500}).encode())
+    file.write_bytes(eds.to_dcf(export(load("az3")), 5, {(0x1017, 0): 5000}).encode())
     with simulated_at("az3", f"can://socketcand/127.0.0.1:{free_port()}/can0?node=5") as endpoint:
         dry = output_of("canopen", "boot", endpoint, str(file), "--dry-run").splitlines()
         assert dry[0].startswith("node 5: 1017h:00 ")
-        assert dry[0].endswith(": device 1000, configuration 500")
+        assert dry[0].endswith(": device 1000, configuration 5000")
         assert dry[1:] == ["the network could be ready"]
         (row,) = [
             json.loads(line)
@@ -114,7 +114,7 @@ def test_boot_a_network_of_a_manager(tmp_path: Path) -> None:
 
 def test_files_from_which_no_network_boots(tmp_path: Path) -> None:
     url, manager, node = f"can://virtual/{tmp_path.name}", plan(tmp_path), tmp_path / "seven.dcf"
-    node.write_bytes(eds.to_dcf(export(load("az3")), 7, {(0x1017, 0): 500}).encode())
+    node.write_bytes(eds.to_dcf(export(load("az3")), 7, {(0x1017, 0): 5000}).encode())
     boot = ("canopen", "boot", url)
     assert "expected the DCF of one manager" in error_of(*boot, str(manager), str(manager), status=2)
     assert "node 7 has a DCF, but the manager does not list it (1F81h:07)" in error_of(
