@@ -365,9 +365,11 @@ class Listener:
         await self.until(lambda: sum(payload in (None, heard) for heard in self.of(topic)) >= count)
 
     async def until(self, condition: Callable[[], Any]) -> None:
-        async with asyncio.timeout(WAIT):
-            while not condition():
-                await asyncio.sleep(0.01)
+        give_up = time.monotonic() + WAIT
+        while not condition():
+            listening = [not task.done() for task in self._tasks]
+            assert time.monotonic() < give_up, f"{len(self.heard)} heard, {self.heard[-20:]}, listening: {listening}"
+            await asyncio.sleep(0.01)
 
 
 def publishing(site: Site, act: Callable[[Listener, aiomqtt.Client], Awaitable[None]], machines: str = "") -> None:
