@@ -76,6 +76,9 @@ class LinePieces:
         self._seen: deque[Piece] = deque(maxlen=KEPT)  # frames and damaged pieces, to compare later ones with
         self._stuck: Piece | None = None  # the last response behind another one, in the same read
 
+    def __repr__(self) -> str:
+        return f"<{type(self).__name__}: {self.counts.frames} frames>"
+
     def of(self, frame: RequestSeen | ResponseSeen | AmbiguousFrame) -> Piece | None:
         """Return the piece of a frame; the last one if that is not remembered."""
         place = frame.at, frame.unit, frame.pdu
@@ -97,6 +100,7 @@ class LinePieces:
         return True
 
     def take(self, piece: Piece) -> Iterator[Located]:
+        """Take the next piece; yield what is found on the noise before it."""
         if piece.adu is None:
             noise = self._noise
             if noise is not None and (piece.joined or self._goes_on(noise, piece)):
@@ -261,11 +265,12 @@ class LinePieces:
             counts.first_lost += lost.text.startswith("the first")
             counts.last_lost += lost.text.startswith("the last")
             return lost
-        for finding in diagnose_exchange("rtu", frame_of("rtu", None, request.unit, request.pdu), noise.data)[:1]:
-            counts.codes[finding.code] += 1
-            counts.kinds[finding.code] += 1
-            return finding
-        return None
+        findings = diagnose_exchange("rtu", frame_of("rtu", None, request.unit, request.pdu), noise.data)
+        if not findings:
+            return None
+        counts.codes[findings[0].code] += 1
+        counts.kinds[findings[0].code] += 1
+        return findings[0]
 
     def _examined(self, noise: Piece, role: FrameRole | None, asked: Piece | None, *, begins: bool) -> list[Finding]:
         """Return what trials prove of a damaged piece. `asked` is the request to which it should be the response."""
@@ -281,10 +286,8 @@ class LinePieces:
             return findings
         transaction, expected = noise.data[:2], asked.data[:2]
         if self.protocol == "tcp" and transaction != expected:
-            numbers = (
-                f"transaction {int.from_bytes(transaction, 'big')}, and {int.from_bytes(expected, 'big')} was asked"
-            )
-            return [finding._replace(text=f"{finding.text}, of {numbers}")]
+            received, sent = (int.from_bytes(number, "big") for number in (transaction, expected))
+            return [finding._replace(text=f"{finding.text}, of transaction {received}, and {sent} was asked")]
         function = asked.adu.pdu[0]
         if noise.data[:2] == bytes((asked.adu.unit, function | EXCEPTION_BIT)):
             text = f"the beginning of an exception, so that function {function:02X} is refused"
