@@ -22,7 +22,7 @@ def test_diff_dry_run_configure_and_no_differences(tmp_path: Path) -> None:
         lines = done.stdout.splitlines()
         assert (done.returncode, done.stderr) == (1, "")
         assert [line.partition(" ")[0] for line in lines] == ["1017h:00", "1800h:02"]
-        assert lines[0].endswith(": device 1000, configuration 5000")
+        assert lines[0].endswith(": device 1000, configuration 500")
         rows = [json.loads(line) for line in run_here("canopen", "diff", bus, str(file), "--json").stdout.splitlines()]
         assert (rows[0]["node"], rows[0]["object"], rows[0]["device"], rows[0]["configuration"]) == (
             5,
