@@ -317,13 +317,14 @@ def _trc_error(line: str, token: str) -> bool:
     raise text_error("character", line, 0, f"{token[:24]!r} is not a byte")
 
 
-_BUSMASTER_TITLE = re.compile(r"[*_]{3,}(?:BUSMASTER Ver|<Time><Tx/Rx><Channel><CAN ID>)")
+_BUSMASTER_TITLE = re.compile(r"(?m)^\s*[*_]{3,}(?:BUSMASTER Ver|<Time><Tx/Rx><Channel><CAN ID>)")
 _BUSMASTER_MODE = re.compile(r"[*_]{3,}(HEX|DEC|(?:RELATIVE|ABSOLUTE|SYSTEM) MODE)[*_]{3,}")
 _BUSMASTER_FRAME = re.compile(
     r"(?P<hours>\d{1,4}):(?P<minutes>\d{1,2}):(?P<seconds>\d{1,2}):(?P<part>\d{1,4})\s+(?P<way>Tx|Rx)\s+(?P<bus>\d{1,3})\s+"
     r"(?P<id>(?:0x)?[0-9A-Fa-f]{1,10})\s+(?P<kind>sr?|xr?)\s+(?P<length>\d{1,2})(?P<rest>(?:\s.*)?)$",
     re.ASCII,
 )
+_BUSMASTER_BASES = {"HEX": 16, "DEC": 10}
 _DAY = 86400.0
 
 
@@ -333,7 +334,7 @@ def is_busmaster(text: str) -> bool:
     >>> is_busmaster("***BUSMASTER Ver 3.2.2***"), is_busmaster("(1.5) can0 705#05")
     (True, False)
     """
-    return any(_BUSMASTER_TITLE.match(line.strip()) for line in text.splitlines())
+    return _BUSMASTER_TITLE.search(text) is not None
 
 
 def read_busmaster(text: str | Iterable[str]) -> Iterator[RecordedItem]:
@@ -344,13 +345,16 @@ def read_busmaster(text: str | Iterable[str]) -> Iterator[RecordedItem]:
     """
     base, is_relative, now, has_title = 16, False, 0.0, False
     for number, line in enumerate(split_lines(text), start=1):
-        has_title |= _BUSMASTER_TITLE.match(line.strip()) is not None
-        if mode := _BUSMASTER_MODE.match(line.strip()):
-            base = {"HEX": 16, "DEC": 10}.get(mode[1], base)
-            is_relative = is_relative if mode[1] in ("HEX", "DEC") else mode[1].startswith("RELATIVE")
-        row = _BUSMASTER_FRAME.match(line.strip())
+        plain = line.strip()
+        row = _BUSMASTER_FRAME.match(plain)
         if row is None:
-            if has_title and line.strip() and not line.lstrip().startswith(("***", "**_")):
+            has_title = has_title or is_busmaster(plain)
+            if mode := _BUSMASTER_MODE.match(plain):
+                if mode[1] in _BUSMASTER_BASES:
+                    base = _BUSMASTER_BASES[mode[1]]
+                else:
+                    is_relative = mode[1] == "RELATIVE MODE"
+            elif has_title and plain and not plain.startswith(("***", "**_")):
                 yield unread(now, number, "not a line of BUSMASTER", line)
             continue
         part = int(row["part"]) / (10_000 if len(row["part"]) == 4 else 1000)
@@ -365,7 +369,7 @@ def read_busmaster(text: str | Iterable[str]) -> Iterator[RecordedItem]:
             yield unread(now, number, error, line)
 
 
-def _busmaster_frame(row: re.Match[str], base: int) -> CanFrame:
+def _busmaster_frame(row: re.Match[str], base: int) -> AnyFrame:
     line, length, extended = row[0], int(row["length"]), row["kind"].startswith("x")
     tokens = row["rest"].split()[:length]
     try:
@@ -375,15 +379,9 @@ def _busmaster_frame(row: re.Match[str], base: int) -> CanFrame:
         raise text_error(
             "character", line, 0, f"{row['id']} {' '.join(tokens)[:24]} are no numbers of base {base}"
         ) from None
-    if number > (EXTENDED_MAX if extended else BASE_MAX):
-        raise text_error("value", line, 0, f"identifier {number:X}h: expected up to 7FF, or 1FFFFFFF for x")
     if length > DATA_MAX:
         raise text_error("length", line, 0, f"length {length}: expected 0 to {DATA_MAX}")
-    if row["kind"].endswith("r"):
-        return CanFrame(number, b"", extended, True, length)
-    if len(data) < length:
-        raise text_error("length", line, len(line), f"the length is {length}, but {len(data)} bytes follow")
-    return CanFrame(number, data, extended)
+    return _flagged_frame(number, extended, "R" if row["kind"].endswith("r") else "", length, data, line)
 
 
 _CSV_HEAD = "timestamp,arbitration_id,extended,remote,error,dlc,data"
@@ -436,7 +434,7 @@ def _printed(row: re.Match[str], line: str) -> AnyFrame:
     data = bytes.fromhex(row["bytes"])
     flags = row["flags"].replace("Rx", "").replace("Tx", "")
     length = int(row["length"])
-    return _python_can_frame(int(row["id"], 16), row["kind"] == "X", flags, length, data, line)
+    return _flagged_frame(int(row["id"], 16), row["kind"] == "X", flags, length, data, line)
 
 
 def _written(row: re.Match[str], line: str) -> AnyFrame:
@@ -447,10 +445,10 @@ def _written(row: re.Match[str], line: str) -> AnyFrame:
     flags = ("R" if row["remote"] == "1" else "") + ("E" if row["error"] == "1" else "")
     length = int(row["length"])
     flags += "F" if length > DATA_MAX else ""
-    return _python_can_frame(int(row["id"], 16), row["extended"] == "1", flags, length, data, line)
+    return _flagged_frame(int(row["id"], 16), row["extended"] == "1", flags, length, data, line)
 
 
-def _python_can_frame(number: int, extended: bool, flags: str, length: int, data: bytes, line: str) -> AnyFrame:
+def _flagged_frame(number: int, extended: bool, flags: str, length: int, data: bytes, line: str) -> AnyFrame:
     if number > (EXTENDED_MAX if extended else BASE_MAX):
         raise text_error("value", line, 0, f"identifier {number:X}h: expected up to 7FF, or 1FFFFFFF if extended")
     if "E" in flags:
