@@ -327,13 +327,13 @@ def test_a_reload_goes_on_with_what_is_the_same(servers: Callable[..., ModbusSer
 
 def test_a_policy_holds_as_soon_as_it_is_read(servers: Callable[..., ModbusServer]) -> None:
     """It does not wait for the backends that end with the reload."""
-    kept, changed = servers("tcp://127.0.0.1:0", {1: numbers()}), servers("tcp://127.0.0.1:0", {2: Slow(1.0)})
+    kept, changed = servers("tcp://127.0.0.1:0", {1: numbers()}), servers("tcp://127.0.0.1:0", {2: Slow(0.5)})
     first = backend(kept.url, "1", name="kept")
 
     async def act(gateway: Gateway, client: AsyncModbusClient) -> None:
         await client.at(unit=1).write_single_register(1, 5)
-        asked = [asyncio.ensure_future(client.at(unit=2).read_holding_registers(at, 1)) for at in range(2)]
-        await submitted(gateway, 2)
+        asked = [asyncio.ensure_future(client.at(unit=2).read_holding_registers(at, 1)) for at in range(4)]
+        await submitted(gateway, 4)
         second = backend(changed.url, "2", "timeout = 30", name="changed")
         new = config(first, second, listen=gateway.config.listeners[0], more="[policy]\nread_only = true")
         reloading = asyncio.ensure_future(gateway.reload(read_config(new)))
@@ -341,7 +341,7 @@ def test_a_policy_holds_as_soon_as_it_is_read(servers: Callable[..., ModbusServe
         assert await answer(client, 1, "06 00 01 00 06") == "86 01"
         assert not reloading.done()
         await reloading
-        assert await asyncio.gather(*asked) == [(0,), (1,)]
+        assert await asyncio.gather(*asked) == [(0,), (1,), (2,), (3,)]
 
     through(config(first, backend(changed.url, "2", "timeout = 20", name="changed")), act, in_flight=8)
 

@@ -367,8 +367,9 @@ class Listener:
     async def until(self, condition: Callable[[], Any]) -> None:
         give_up = time.monotonic() + WAIT
         while not condition():
-            listening = [not task.done() for task in self._tasks]
-            assert time.monotonic() < give_up, f"{len(self.heard)} heard, {self.heard[-20:]}, listening: {listening}"
+            assert time.monotonic() < give_up, (
+                f"{len(self.heard)} heard, {self.heard[-20:]}, ended: {[task.done() for task in self._tasks]}"
+            )
             await asyncio.sleep(0.01)
 
 

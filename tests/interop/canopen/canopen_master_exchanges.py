@@ -169,7 +169,7 @@ def our_master_configures_their_pdos(bench: Bench) -> None:
 @exchange("master", "SDO abort")
 def our_master_finds_their_node(bench: Bench) -> None:
     bench.local()
-    found = bench.run(scan(range(4, 7), timeout=2.0)).nodes
+    found = bench.run(scan(range(3, 8), timeout=1.0)).nodes
     assert list(found) == [NODE]
     assert found[NODE].abort == 0x0602_0000  # it has no 1000h: the abort shows that the node is there
 

@@ -114,7 +114,7 @@ def test_boot_a_network_of_a_manager(tmp_path: Path) -> None:
 
 def test_files_from_which_no_network_boots(tmp_path: Path) -> None:
     url, manager, node = f"can://virtual/{tmp_path.name}", plan(tmp_path), tmp_path / "seven.dcf"
-    node.write_bytes(eds.to_dcf(export(load("az3")), 7, {(0x1017, 0): 5000}).encode())
+    node.write_bytes(eds.to_dcf(export(load("az3")), 7, {(0x1017, 0): 500}).encode())
     boot = ("canopen", "boot", url)
     assert "expected the DCF of one manager" in error_of(*boot, str(manager), str(manager), status=2)
     assert "node 7 has a DCF, but the manager does not list it (1F81h:07)" in error_of(

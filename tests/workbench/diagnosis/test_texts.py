@@ -191,7 +191,7 @@ def test_bytes_that_are_no_whole_frame_are_shown_and_read_where_that_makes_sense
     verdict = verdict_without_bytes(text)
     assert verdict is not None
     assert verdict.code == "not-seen"
-    assert states in verdict.sentence
+    assert states in verdict.evidence
 
 
 def test_a_float_that_is_plausible_as_it_stands_is_not_called_one_in_another_order() -> None:
@@ -222,7 +222,7 @@ def test_words_beside_bytes_are_said_and_not_seen(text: str, codes: set[str], sa
     assert (verdict is None) is (says is None)
     if verdict is not None and says is not None:
         assert verdict.code == "said"
-        assert says in verdict.sentence
+        assert says in verdict.evidence
 
 
 @every_case(
