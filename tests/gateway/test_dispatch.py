@@ -202,7 +202,10 @@ def test_queries_to_a_unit_that_has_died_do_not_wait_any_longer() -> None:
     assert {bus.answer_to(query) for query in queries} == {"83 0b"}
 
 
-@pytest.mark.parametrize(("clients", "registers"), [(1, 65536), (32, 65536), (200, 65536), (1, 1), (32, 1)])
+@pytest.mark.parametrize(
+    ("clients", "registers"),
+    [(1, 65536), (32, 65536), (200, 65536), (1, 1), pytest.param(32, 1, marks=pytest.mark.proof)],
+)
 def test_two_dead_units_of_ten_cost_the_others_little(clients: int, registers: int) -> None:
     """Every client asks one unit after the other. 20 ms an exchange, 0.3 s a time-out, one minute.
 

@@ -24,6 +24,7 @@ from barewire.canopen.object_dictionary import ObjectDictionary
 from barewire.canopen.pdo.engine import ActivePdo, PdoEngine
 from barewire.canopen.sync import SyncProducer
 from barewire.devices import load, names
+from tests.helpers import part_or_whole
 from tests.model.choices import run_all
 from tests.model.hostile_devices import SIMULATED, masters
 from tests.model.hostile_master import Letter
@@ -55,11 +56,12 @@ def test_every_sequence_of_two_letters() -> None:
 
 
 @pytest.mark.long
+@pytest.mark.parametrize("share", part_or_whole(5, 1))
 @pytest.mark.parametrize(("name", "runs"), [("EDS", 200), ("EDS, all mappable", 400), ("az3", 60)])
-def test_random_sequences(name: str, runs: int) -> None:
+def test_random_sequences(name: str, runs: int, share: int) -> None:
     master, dice = MASTERS[name](), random.Random(13)
     letters = master.letters(singles=True)
-    for _ in range(runs):
+    for _ in range(runs // share):
         master.play([dice.choice(letters) for _ in range(dice.randint(3, 9))])
 
 

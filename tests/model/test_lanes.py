@@ -15,7 +15,7 @@ pytestmark = pytest.mark.long
     "setup",
     [
         LanesSetup(lanes=2, questions=3, fates=(Fate.PROMPT, Fate.LATE), may_cancel=False),
-        LanesSetup(lanes=2, questions=3),
+        pytest.param(LanesSetup(lanes=2, questions=3), marks=pytest.mark.proof),  # six times as many orders as the next
         LanesSetup(lanes=2, questions=2, fates=tuple(Fate)),
         LanesSetup(lanes=2, questions=3, fates=(Fate.PROMPT, Fate.SLOW, Fate.LOST), may_cancel=False, may_wrap=True),
         LanesSetup(questions=2, fates=(Fate.PROMPT, Fate.LATE), writes=(False, True), retries=(0, 1)),

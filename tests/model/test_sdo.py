@@ -14,34 +14,44 @@ from tests.model.sdo_two import TwoClients, TwoTally, two_clients_scenario
 pytestmark = pytest.mark.long
 
 
-@pytest.mark.parametrize(
-    "setup",
-    [
-        Transfers(),
-        Transfers(length=1, faults=2),
-        Transfers(length=3, modes=("expedited",)),
-        Transfers(modes=("plain", "segments", "blocks")),
-        Transfers(length=3, modes=("plain", "expedited")),
-        Transfers(cancelled=(5,), outcomes=("arrives", "is lost", "is late")),
-        Transfers(length=3, cancelled=(3,), modes=("expedited",), outcomes=("arrives", "is lost", "is late")),
-        Transfers(length=3, cancelled=(3, 5), modes=("plain",), outcomes=("arrives", "is lost", "is late")),
-        Transfers(length=3, cancelled=(3,), faults=0, modes=("plain", "segments", "blocks")),
-    ],
-    ids=[
-        "two transfers, one fault",
-        "one transfer, two faults",
-        "three expedited transfers, one fault",
-        "two transfers, also plain",
-        "three transfers, plain or expedited",
-        "two transfers, one cancelled, one fault",
-        "three expedited transfers, one cancelled, one fault",
-        "three plain exchanges, two cancelled, one fault",
-        "three transfers, also plain, one cancelled, no fault",
-    ],
-)
-def test_no_value_is_delivered_to_another_transfer_in_any_order_of_faults(setup: Transfers) -> None:
+SETUPS = {
+    "one transfer, two faults": Transfers(length=1, faults=2),
+    "three expedited transfers, one fault": Transfers(length=3, modes=("expedited",)),
+    "three transfers, plain or expedited": Transfers(length=3, modes=("plain", "expedited")),
+    "three expedited transfers, one cancelled, one fault": Transfers(
+        length=3, cancelled=(3,), modes=("expedited",), outcomes=("arrives", "is lost", "is late")
+    ),
+}
+LARGE = {
+    "two transfers, one fault": Transfers(),
+    "two transfers, also plain": Transfers(modes=("plain", "segments", "blocks")),
+    "two transfers, one cancelled, one fault": Transfers(cancelled=(5,), outcomes=("arrives", "is lost", "is late")),
+    "three plain exchanges, two cancelled, one fault": Transfers(
+        length=3, cancelled=(3, 5), modes=("plain",), outcomes=("arrives", "is lost", "is late")
+    ),
+    "three transfers, also plain, one cancelled, no fault": Transfers(
+        length=3, cancelled=(3,), faults=0, modes=("plain", "segments", "blocks")
+    ),
+}
+"""Of these `make test` plays some orders, `make proof` every one."""
+
+
+@pytest.mark.parametrize("name", [*SETUPS, *(pytest.param(name, marks=pytest.mark.proof) for name in LARGE)])
+def test_no_value_is_delivered_to_another_transfer_in_any_order_of_faults(name: str) -> None:
     tally = SdoTally()
-    assert run_all(sdo_scenario(setup, tally)) > 100
+    assert run_all(sdo_scenario((SETUPS | LARGE)[name], tally)) > 100
+    check(tally)
+
+
+@pytest.mark.parametrize("name", LARGE)
+def test_nor_in_random_orders(name: str) -> None:
+    tally = SdoTally()
+    run_random(sdo_scenario(LARGE[name], tally), 200)
+    check(tally)
+
+
+def check(tally: SdoTally) -> None:
+    """Check that no run had a wrong value or stood still, and that values and errors came."""
     assert not tally.wrong, tally.wrong[0]
     assert not tally.stuck, tally.stuck[0]
     assert min(tally.right, tally.errors) > 20

@@ -20,7 +20,10 @@ from tests.interop.canopen.guest import Done, in_guest
 from tests.interop.canopen.test_canopen_exchanges import proofs
 from tests.workbench.vendor.made import written
 
-pytestmark = pytest.mark.needs("uml", "busybox", "cc", "candump", "ip")
+pytestmark = [
+    pytest.mark.needs("uml", "busybox", "cc", "candump", "ip"),
+    pytest.mark.proof,
+]  # half a minute of a kernel
 TESTS = "tests/interop/canopen/test_canopen_exchanges.py"
 
 

@@ -3,8 +3,8 @@
 A signal handler, Ctrl-C and a lack of memory raise anywhere. Here an exception is raised before each line of barewire
 that a transfer executes, at its first and at its last execution (`tests.interrupts`), in virtual time. Then three
 further transfers are made with a server that answers late and in order; of the blocking client from another thread,
-which would hang if a lock were kept. `make test` raises at every eighth of these lines, with asyncio each of two
-exceptions at every sixteenth, `make proof` at each."""
+which would hang if a lock were kept. `make test` raises at every 24th of these lines, with asyncio each of two
+exceptions at every 48th, `make proof` at each."""
 
 from __future__ import annotations
 
@@ -192,7 +192,7 @@ def check_chosen_lines(run: Callable[[int | None], int], step: int, name: str, *
     check_lines(run, chosen, step, name)
 
 
-@pytest.mark.parametrize("step", part_or_whole(8, 1))
+@pytest.mark.parametrize("step", part_or_whole(24, 1))
 @pytest.mark.parametrize("delays", DELAYS)
 @pytest.mark.parametrize("mode", LENGTHS)
 @pytest.mark.parametrize("verb", ["upload", "download"])
@@ -207,7 +207,7 @@ def test_an_exception_at_any_line(
 
 
 # An event loop reports an Exception of a callback and goes on, but Ctrl-C leaves it.
-@pytest.mark.parametrize("step", part_or_whole(16, 1))
+@pytest.mark.parametrize("step", part_or_whole(48, 1))
 @pytest.mark.parametrize("error", [KeyboardInterrupt, MemoryError])
 @pytest.mark.parametrize("delays", DELAYS)
 @pytest.mark.parametrize("mode", LENGTHS)

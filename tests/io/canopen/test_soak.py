@@ -55,7 +55,7 @@ async def by_tasks(client: AsyncCanopenClient, tasks: int, reads: int) -> list[i
     return await asyncio.gather(*map(work, range(tasks)))
 
 
-@pytest.mark.parametrize("reads", part_or_whole(2_000, 20_000))
+@pytest.mark.parametrize("reads", part_or_whole(1_000, 20_000))
 def test_three_threads_on_one_node(reads: int) -> None:
     with memory_bus() as bus, CanopenClient(bus, node=5, timeout=30.0) as client, client.host(device()):
         assert by_threads(client, 3, reads) == [reads] * 3
@@ -63,7 +63,7 @@ def test_three_threads_on_one_node(reads: int) -> None:
         assert (received.late, received.garbled) == (0, 0)
 
 
-@pytest.mark.parametrize("reads", part_or_whole(80, 800))
+@pytest.mark.parametrize("reads", part_or_whole(40, 800))
 def test_fifty_tasks_on_one_node(reads: int) -> None:
     async def main(bus: CanBus) -> list[int]:
         async with AsyncCanopenClient(bus, node=5, timeout=30.0) as client:

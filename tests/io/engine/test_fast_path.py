@@ -215,11 +215,21 @@ def visible_state(ask: Ask, bus: Bus, port: FaultyPort, arguments: tuple[Request
     return result, *seen
 
 
-@pytest.mark.parametrize("fast", [blocking, with_await])
-@pytest.mark.parametrize(
-    "options", [*({"options": options} for options in OPTIONS), {"units": {2: OPTIONS[2]}}], ids=str
-)
-@pytest.mark.parametrize("kind", LINES)
+BUS_OPTIONS: list[dict[str, Any]] = [*({"options": options} for options in OPTIONS), {"units": {2: OPTIONS[2]}}]
+SETUPS = [
+    pytest.param(
+        *(kind, options, fast),
+        id=f"{kind}-{options}-{fast.__name__}",
+        marks=[pytest.mark.proof] * ((kind_at + options_at + fast_at) % 2),
+    )
+    for kind_at, kind in enumerate(LINES)
+    for options_at, options in enumerate(BUS_OPTIONS)
+    for fast_at, fast in enumerate((blocking, with_await))
+]
+"""`make test` has each line with each option once, blocking or asyncio in turn."""
+
+
+@pytest.mark.parametrize(("kind", "options", "fast"), SETUPS)
 @modest
 @given(steps=st.lists(STEP, min_size=2, max_size=6))
 def test_the_fast_path_has_the_results_and_effects_of_bus_ask(

@@ -209,7 +209,7 @@ RUNS = {"blocking": blocking_run, "asyncio": asyncio_run}
 )
 @pytest.mark.parametrize("before", BEFORE)
 @pytest.mark.parametrize("carrier", CARRIERS)
-@pytest.mark.parametrize("step", part_or_whole(16, 1))
+@pytest.mark.parametrize("step", part_or_whole(48, 1))
 def test_an_exception_at_any_line(
     world: str, carrier: str, before: str, error: type[BaseException], step: int, monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -119,7 +119,12 @@ def serves_new_clients(server: Starved, options: str) -> None:
             assert client.read_holding_registers(0, 1) == (0,)
 
 
-SCHEMES = ["tcp", "rtu+tcp", "ascii+tcp", pytest.param("tls", marks=pytest.mark.needs("openssl"))]
+SCHEMES = [
+    "tcp",
+    "rtu+tcp",
+    pytest.param("ascii+tcp", marks=pytest.mark.proof),  # as RTU over TCP, with another framer
+    pytest.param("tls", marks=pytest.mark.needs("openssl")),
+]
 every_scheme = pytest.mark.parametrize("scheme", SCHEMES)
 both = pytest.mark.parametrize("way", ["asyncio", "thread"])
 

@@ -422,7 +422,15 @@ EXCHANGES = {
 }
 
 
-@pytest.mark.parametrize(("way", "scheme"), [("thread", "tcp"), *(("asyncio", scheme) for scheme in EXCHANGES)])
+@pytest.mark.parametrize(
+    ("way", "scheme"),
+    [
+        ("thread", "tcp"),
+        ("asyncio", "tcp"),
+        pytest.param("asyncio", "rtu+tcp", marks=pytest.mark.proof),
+        pytest.param("asyncio", "ascii+tcp", marks=pytest.mark.proof),
+    ],
+)
 @pytest.mark.usefixtures("many_files")
 def test_a_thousand_connections_at_once_each_served(way: str, scheme: str) -> None:
     async def main() -> None:

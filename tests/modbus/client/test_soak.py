@@ -10,7 +10,7 @@ from tests.modbus.client.soak import CARRIERS, SERIAL, TCP, soak
 pytestmark = pytest.mark.long
 
 
-@pytest.mark.parametrize("exchanges", part_or_whole(6_000, 34_000))
+@pytest.mark.parametrize("exchanges", part_or_whole(3_400, 34_000))
 @pytest.mark.parametrize("carrier", CARRIERS)
 def test_no_answer_is_delivered_to_another_request(carrier: str, exchanges: int) -> None:
     ends = soak(carrier, exchanges)
