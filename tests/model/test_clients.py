@@ -105,7 +105,7 @@ def test_every_option_of_a_client_is_played() -> None:
 
 @pytest.mark.parametrize("world", ["blocking", "asyncio"])
 @pytest.mark.parametrize("carrier", ["RTU", "TCP", "TCP, any_transaction"])
-@pytest.mark.parametrize("step", part_or_whole(4, 1))
+@pytest.mark.parametrize("step", part_or_whole(8, 1))
 # An exception raised while a generator is freed is only reported.
 @pytest.mark.filterwarnings("ignore::pytest.PytestUnraisableExceptionWarning")
 def test_an_exception_at_any_line_neither_loses_a_pending_answer_nor_the_turn_on_the_line(

@@ -30,7 +30,6 @@ from tests.model.hostile_devices import SIMULATED, masters
 from tests.model.hostile_master import Letter
 
 MASTERS = masters()
-EVERY = pytest.mark.parametrize("name", MASTERS)
 
 
 def test_every_simulated_device_with_canopen_is_tried() -> None:
@@ -38,7 +37,7 @@ def test_every_simulated_device_with_canopen_is_tried() -> None:
 
 
 @pytest.mark.long
-@EVERY
+@pytest.mark.parametrize("name", ["EDS", "az3", pytest.param("EDS, all mappable", marks=pytest.mark.proof)])
 def test_the_letters_change_the_device(name: str) -> None:
     master = MASTERS[name]()
     letters = master.letters()
