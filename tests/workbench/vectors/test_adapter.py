@@ -141,8 +141,15 @@ def test_an_output_that_is_not_flushed_is_suspected(tmp_path: Path, monkeypatch:
 
 
 @pytest.mark.skipif(sys.platform == "win32", reason="signals of POSIX")
-@pytest.mark.parametrize("number", [signal.SIGTERM, signal.SIGINT])
-@pytest.mark.parametrize("answers_hello", [True, False])
+@pytest.mark.parametrize(
+    ("number", "answers_hello"),
+    [
+        (signal.SIGTERM, True),
+        (signal.SIGINT, False),
+        pytest.param(signal.SIGTERM, False, marks=pytest.mark.proof),
+        pytest.param(signal.SIGINT, True, marks=pytest.mark.proof),
+    ],
+)
 def test_a_signal_ends_the_adapter_too(tmp_path: Path, number: signal.Signals, answers_hello: bool) -> None:
     silent, started = "time.sleep(600)", tmp_path / "started"
     command = program(tmp_path, f"(open({str(started)!r}, 'w').write(str(os.getpid())), {silent})")

@@ -9,10 +9,11 @@ from pathlib import Path
 from typing import Any
 
 import jsonschema
+import pytest
 
 from barewire.errors import REASONS
 from barewire_workbench.vectors.answers.table import ANSWERS
-from tests.helpers import every_case
+from tests.helpers import every_case, part_or_whole
 from tools import vectors
 
 ROOT = Path(__file__).parents[3]
@@ -37,10 +38,42 @@ def test_the_schema_is_a_valid_json_schema() -> None:
     jsonschema.Draft202012Validator.check_schema(SCHEMA)
 
 
+def forms(value: Any) -> set[tuple[str, ...]]:
+    """Each path of names in a case, with what is at its end: a word, the form of a short number, or a type."""
+    if isinstance(value, dict):
+        return {(name, *rest) for name, item in value.items() if name != "id" for rest in forms(item)}
+    if isinstance(value, list):
+        return {rest for item in value for rest in forms(item)}
+    if isinstance(value, str):
+        is_word = re.fullmatch("[a-z][a-z_-]*", value)
+        return {(value if is_word else re.sub("[0-9A-Fa-f]", "0", value) if len(value) < 6 else "",)}
+    return {(type(value).__name__,)}
+
+
+def new_forms() -> dict[Path, list[Any]]:
+    """Of each file the cases with a form that no case of the kind before them has, and every 20th."""
+    seen: dict[str, set[tuple[str, ...]]] = {}
+    found: dict[Path, list[Any]] = {}
+    for file, document in DOCUMENTS.items():
+        known = seen.setdefault(document["kind"], set())
+        for place, case in enumerate(document["cases"]):
+            if not (given := forms(case)) <= known or place % 20 == 0:
+                found.setdefault(file, []).append(case)
+            known |= given
+    return found
+
+
+@pytest.mark.parametrize(
+    "cases",
+    part_or_whole(new_forms(), {file: document["cases"] for file, document in DOCUMENTS.items()}),
+    ids=["a part", "all"],
+)
 @every_case("file", FILES)
-def test_a_file_follows_the_schema_and_the_rules(file: Path) -> None:
+def test_a_file_follows_the_schema_and_the_rules(file: Path, cases: dict[Path, list[Any]]) -> None:
+    """A part are the cases of `new_forms`: a wrong name, word or type is a form that no other case has."""
     document = DOCUMENTS[file]
-    wrong = [f"{error.json_path}: {error.message}" for error in validator.iter_errors(document)]
+    checked = {**document, "cases": cases[file]}
+    wrong = [f"{error.json_path}: {error.message}" for error in validator.iter_errors(checked)]
     assert not wrong, "\n".join(wrong)
     assert document["kind"] in ANSWERS, "a kind without an answer"
     assert len(document["cases"]) < 100, "one subject, under a hundred cases"

@@ -13,6 +13,7 @@ from tools import vectors_mistakes, vectors_mutants
 from tools.peers import PEERS, ROOT
 
 TEXTS = vectors_mutants.sources()
+CODE = vectors_mutants.compiled(TEXTS)
 ASKED = vectors_mutants.asked_of_kinds()
 
 
@@ -131,8 +132,8 @@ MISTAKES = {
 def test_a_case_notices_the_mistake(name: str) -> None:
     mistake = MISTAKES[name]
     assert TEXTS[mistake.file].count(mistake.before) >= 1, "the reference has changed: change the mistake with it"
-    texts = {**TEXTS, mistake.file: TEXTS[mistake.file].replace(mistake.before, mistake.after)}
-    reference = vectors_mutants.Reference(vectors_mutants.compiled(texts))
+    changed = {mistake.file: TEXTS[mistake.file].replace(mistake.before, mistake.after)}
+    reference = vectors_mutants.Reference({**CODE, **vectors_mutants.compiled(changed)})
     assert vectors_mutants.first_failure(reference, ASKED[mistake.kind])
 
 
