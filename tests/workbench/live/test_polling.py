@@ -20,7 +20,7 @@ from barewire_workbench.live.polling import Clock, PolledLine, Poller, by_port, 
 from barewire_workbench.value_log.csv_file import CsvFile
 from barewire_workbench.value_log.rotating_log import RotatingLog, Rotation
 from barewire_workbench.value_log.sample import Sample, Watched, columns_of, headings, row_of
-from tests.helpers import refused
+from tests.helpers import part_or_whole, refused
 from tests.workbench.value_log.memory_disk import MemoryDisk, Stopped
 
 RAW = device_with("raw", [f"holding:{address}" for address in range(3)])
@@ -230,15 +230,16 @@ def test_an_error_of_the_program_in_a_port_of_several_ends_polling() -> None:
 
 
 @pytest.mark.long
-def test_a_week_of_watching_in_virtual_time() -> None:
-    """A sample every ten seconds for a week, files of a day; the power is cut about every two hours, and the machine is
-    silent about every hour: no sample is missing but those that were under way."""
+@pytest.mark.parametrize("days", part_or_whole(2, 7))
+def test_a_week_of_watching_in_virtual_time(days: int) -> None:
+    """A sample every ten seconds for a week, in a part for two days, files of a day; the power is cut about every
+    two hours, and the machine is silent about every hour: no sample is missing but those that were under way."""
     clock, disk = VirtualClock(), MemoryDisk(5)
     machine = FakeMachine()
     chosen = [watched("holding:0")]
     columns = columns_of(chosen)
     shown: list[str] = []
-    end, kills = 7 * 86400.0, 0
+    end, kills = days * 86400.0, 0
     while clock.seconds < end:
         disk.stop_in = disk.random.randrange(1, 3000)
         machine.errors = [None] * disk.random.randrange(600) + [NoAnswer("silence"), PortError("unplugged")]
@@ -257,14 +258,14 @@ def test_a_week_of_watching_in_virtual_time() -> None:
             kills += 1
             disk.cut_power()
             clock.seconds += 10.0
-    assert kills > 30
+    assert kills > 30 / 7 * days
     lines = [text for path in [*disk.names("night-", ".csv"), "night.csv"] for text in _rows(disk.contents[path])]
     times = [text.partition(",")[0] for text in lines]
     assert times == sorted(set(times))
     assert set(shown) <= set(times)
-    assert len(shown) > 60480 - 2 * kills
-    assert len(disk.names("night-", ".csv")) == 7
-    assert sum("silence" in text for text in lines) > 20
+    assert len(shown) > 8640 * days - 2 * kills
+    assert len(disk.names("night-", ".csv")) == days
+    assert sum("silence" in text for text in lines) > 20 / 7 * days
 
 
 def _rows(content: bytes) -> list[str]:

@@ -133,7 +133,7 @@ def conform_can(
             power_cycle=on_power_cycle is not None,
             application=write_application,
         )
-        wanted = [case for case in cases(tester.subject, objects, dummies) if case.name.startswith(only)]
+        wanted = cases(tester.subject, objects, dummies, only)
         for place, case in enumerate(wanted):
             if left_out := why(case):
                 yield NodeCaseResult(case, None, left_out)
@@ -152,13 +152,18 @@ def conform_can(
 
 
 def cases(
-    subject: Subject, objects: Mapping[int, EdsObject] | None = None, dummies: Iterable[int] = ()
+    subject: Subject,
+    objects: Mapping[int, EdsObject] | None = None,
+    dummies: Iterable[int] = (),
+    only: tuple[str, ...] = ("",),
 ) -> tuple[NodeCase, ...]:
-    """Return all cases for one device, in order: those of the vectors, and with the objects of an EDS those of it.
+    """Return the cases for one device, in order: those of the vectors, and with the objects of an EDS those of it.
 
-    A case that needs something the device lacks names it in `lacks`. `dummies` are those of the EDS.
+    A case that needs something the device lacks names it in `lacks`. `dummies` are those of the EDS, `only` the
+    beginnings of the names; a case of the vectors with another name is not read.
     """
-    return all_cases(subject, _vector_cases(), objects, dummies)
+    scripts = [fields for fields in _vector_cases() if fields["name"].startswith(only)]
+    return tuple(case for case in all_cases(subject, scripts, objects, dummies) if case.name.startswith(only))
 
 
 def case_names(objects: Mapping[int, EdsObject] | None = None, dummies: Iterable[int] = ()) -> tuple[str, ...]:
@@ -257,7 +262,7 @@ class _Tester:
         self.subject = self._probed(large, objects)
         if large is not None and not run(is_there(self._node, *large, timeout=self._patience), port):
             raise EncodeError(f"the large object {large[0]:04X}:{large[1]:02X}: node {self._node} has no such object")
-        chosen = [case for case in cases(self.subject, objects) if case.name.startswith(only) and not case.lacks]
+        chosen = [case for case in cases(self.subject, objects, only=only) if not case.lacks]
         if not gentle and any(case.effect != "reads" for case in chosen):
             # Its configuration may have been changed: the cases need the values that it has after a reset.
             command = NmtCommand.RESET_COMMUNICATION if objects is None else NmtCommand.RESET_NODE
