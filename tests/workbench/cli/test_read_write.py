@@ -239,8 +239,17 @@ def test_a_command_without_a_response_states_all_that_it_waited_for_and_can_wait
         assert tcp == f"barewire: {within}\n"
 
 
-@pytest.mark.parametrize("sent", [signal.SIGINT, signal.SIGTERM])
-@pytest.mark.parametrize("command", ["read adxl Status", "watch adxl Status", "drive csd-mt status"])
+@pytest.mark.parametrize(
+    ("command", "sent"),
+    [
+        ("read adxl Status", signal.SIGINT),
+        ("watch adxl Status", signal.SIGINT),  # with a status of its own
+        ("drive csd-mt status", signal.SIGTERM),
+        pytest.param("read adxl Status", signal.SIGTERM, marks=pytest.mark.proof),
+        pytest.param("watch adxl Status", signal.SIGTERM, marks=pytest.mark.proof),
+        pytest.param("drive csd-mt status", signal.SIGINT, marks=pytest.mark.proof),
+    ],
+)
 def test_a_signal_while_a_response_is_missing_ends_the_command_at_once(command: str, sent: signal.Signals) -> None:
     """The time-outs are longer than the test waits: nothing but the signal ends the command in time."""
     name, *rest = command.split()

@@ -329,10 +329,12 @@ EXCHANGES = [f"{at}.0 01 03 00 00 00 02 C4 0B\n{at}.1 01 83 02 C0 F1\n" for at i
     ("command", "lines", "expected"),
     [
         ("sniff", ["Tx: 01 03 00 00 00 02 C4 0B\n", "Rx: 01 83 02 C0 F1\n"], "exception 02"),
-        ("sniff", ["# a comment\n", "opened\n", "[01][83][02][C0][F1]\n"], "exception 02"),
-        ("sniff", ["(1.5) can0 705#00\n"], "boot-up"),
+        pytest.param(
+            "sniff", ["# a comment\n", "opened\n", "[01][83][02][C0][F1]\n"], "exception 02", marks=pytest.mark.proof
+        ),
+        pytest.param("sniff", ["(1.5) can0 705#00\n"], "boot-up", marks=pytest.mark.proof),
         ("diagnose", ["1.0 01 03 00 00 00 02 C4 0B\n", "1.1 01 83 02 C0 F1 FF FF FF FF FF\n", *EXCHANGES], "unit 1"),
-        ("diagnose", ["(1.5) can0 705#01\n"], "node 5"),
+        pytest.param("diagnose", ["(1.5) can0 705#01\n"], "node 5", marks=pytest.mark.proof),
     ],
 )  # fmt: skip
 def test_what_is_still_being_written_is_read_as_it_comes(command: str, lines: list[str], expected: str) -> None:

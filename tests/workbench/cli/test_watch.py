@@ -32,7 +32,7 @@ from barewire_workbench.live.disk import DiskFile, LocalDisk
 from barewire_workbench.value_log.csv_file import CsvFile
 from barewire_workbench.value_log.reader import Curve, broken
 from barewire_workbench.value_log.sqlite_file import SqliteFile
-from tests.helpers import free_port, refused
+from tests.helpers import free_port, refused, some_of
 from tests.workbench.cli.helpers import (
     COMMAND,
     ENVIRONMENT,
@@ -182,37 +182,38 @@ def test_a_plot(suffix: str, tmp_path: Path) -> None:
     assert len(drawn) > 5000
 
 
-def test_a_plot_is_drawn_after_ctrl_c_sigterm_and_a_closed_pipe(tmp_path: Path) -> None:
+@pytest.mark.parametrize("ended_by", some_of(["Ctrl-C", "a closed pipe", "SIGTERM"], 1))
+def test_a_plot_is_drawn_after_ctrl_c_sigterm_and_a_closed_pipe(ended_by: str, tmp_path: Path) -> None:
     """The values read so far are drawn."""
-    for ended_by, status in {"Ctrl-C": 130, "a closed pipe": 1, "SIGTERM": 143}.items():
-        file = tmp_path / f"{ended_by}.svg"
-        with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
-            command = [
-                "watch",
-                endpoint,
-                "csd-mt",
-                *NAMES,
-                "--period",
-                "0.02",
-                "--count",
-                "100000",
-                "--plot",
-                str(file),
-            ]
-            with subprocess.Popen([*COMMAND, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
-                assert process.stdout is not None
-                assert process.stderr is not None
-                for _ in range(3):
-                    assert process.stdout.readline()
-                if ended_by == "Ctrl-C":
-                    process.send_signal(signal.SIGINT)
-                elif ended_by == "SIGTERM":
-                    process.terminate()
-                else:
-                    process.stdout.close()
-                assert process.stderr.read().strip() == b""
-                assert process.wait(60) == status
-        assert file.stat().st_size > 5000
+    status = {"Ctrl-C": 130, "a closed pipe": 1, "SIGTERM": 143}[ended_by]
+    file = tmp_path / f"{ended_by}.svg"
+    with simulated_at("csd-mt", "tcp://127.0.0.1:0") as endpoint:
+        command = [
+            "watch",
+            endpoint,
+            "csd-mt",
+            *NAMES,
+            "--period",
+            "0.02",
+            "--count",
+            "100000",
+            "--plot",
+            str(file),
+        ]
+        with subprocess.Popen([*COMMAND, *command], stdout=subprocess.PIPE, stderr=subprocess.PIPE) as process:
+            assert process.stdout is not None
+            assert process.stderr is not None
+            for _ in range(3):
+                assert process.stdout.readline()
+            if ended_by == "Ctrl-C":
+                process.send_signal(signal.SIGINT)
+            elif ended_by == "SIGTERM":
+                process.terminate()
+            else:
+                process.stdout.close()
+            assert process.stderr.read().strip() == b""
+            assert process.wait(60) == status
+    assert file.stat().st_size > 5000
 
 
 def test_without_a_value_no_plot_is_drawn(tmp_path: Path) -> None:
@@ -390,8 +391,17 @@ def test_a_full_disk_is_reported(tmp_path: Path, end: str, monkeypatch: pytest.M
     ]
 
 
-@pytest.mark.parametrize("sent", [signal.SIGKILL, signal.SIGTERM, signal.SIGHUP])
-@pytest.mark.parametrize("end", ["csv", "db"])
+@pytest.mark.parametrize(
+    ("end", "sent"),
+    [
+        ("csv", signal.SIGKILL),
+        ("db", signal.SIGTERM),
+        pytest.param("csv", signal.SIGTERM, marks=pytest.mark.proof),
+        pytest.param("csv", signal.SIGHUP, marks=pytest.mark.proof),
+        pytest.param("db", signal.SIGKILL, marks=pytest.mark.proof),
+        pytest.param("db", signal.SIGHUP, marks=pytest.mark.proof),
+    ],
+)
 def test_what_was_shown_is_in_the_file_however_the_command_ends(tmp_path: Path, end: str, sent: signal.Signals) -> None:
     """Killed a few times while it writes, a row was in the file before it was shown, and each is there once."""
     path, shown = tmp_path / f"night.{end}", []
