@@ -10,7 +10,7 @@ import pytest
 from barewire.errors import BarewireError
 from barewire_workbench.diagnosis.modbus_log import ModbusLogDiagnosis
 from barewire_workbench.recordings.modbus_log import read_modbus_log
-from tests.helpers import every_case
+from tests.helpers import every_case, part_or_whole
 from tests.workbench.diagnosis.habits import ASCII, RTU, TCP, UNDECIDED, Habit, exchanges
 from tests.workbench.diagnosis.notations import NOTATIONS
 
@@ -53,11 +53,13 @@ def judged(framing: str, cause: str, notations: list[str]) -> tuple[list[str], i
     return wrong, right
 
 
+@pytest.mark.parametrize("count", part_or_whole(2, 10))
 @every_case(("framing", "cause"), CASES)
-def test_a_cause_is_named_or_left_open_in_every_notation(framing: str, cause: str) -> None:
-    notations = Random(f"{framing} {cause}").sample(sorted(NOTATIONS.keys() - CUT), 10)
+def test_a_cause_is_named_or_left_open_in_every_notation(framing: str, cause: str, count: int) -> None:
+    """Each cause in ten notations; in two of them, one with a single exchange and one with five, in `make test`."""
+    notations = Random(f"{framing} {cause}").sample(sorted(NOTATIONS.keys() - CUT), 10)[:count]
     wrong, _ = judged(framing, cause, notations)
-    assert len(wrong) <= 2 * any(words in cause for words in HARDER), wrong
+    assert len(wrong) <= count // 5 * any(words in cause for words in HARDER), wrong
 
 
 @pytest.mark.proof

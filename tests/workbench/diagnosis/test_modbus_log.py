@@ -17,7 +17,7 @@ from barewire_workbench.diagnosis.verdict import VERDICTS, VerdictCode
 from barewire_workbench.recordings.modbus_log import read_modbus_log
 from barewire_workbench.sniffer import WINDOW
 from barewire_workbench.wire import CharacterFormat, ReceiverFault, UartLine
-from tests.helpers import every_case
+from tests.helpers import every_case, part_or_whole
 from tests.workbench.diagnosis.modbus_cases import (
     DEVICES,
     FORMS,
@@ -50,13 +50,14 @@ GOOD = [
 ]
 
 
-@every_case("seed", range(3))
+@pytest.mark.parametrize("seeds", part_or_whole(1, 3))
 @every_case(("framing", "source", "form"), GOOD)
-def test_a_good_recording_has_no_finding(framing: str, source: str, form: str, seed: int) -> None:
-    traffic = of_tables(framing, seed) if source == "tables" else of_device(framing, source, seed)
-    findings, verdicts = diagnosed(log_of(traffic, form, seed))
-    assert [found.sentence for found in findings] == []
-    assert {verdict.code for verdict in verdicts} <= NO_FAULT
+def test_a_good_recording_has_no_finding(framing: str, source: str, form: str, seeds: int) -> None:
+    for seed in range(seeds):
+        traffic = of_tables(framing, seed) if source == "tables" else of_device(framing, source, seed)
+        findings, verdicts = diagnosed(log_of(traffic, form, seed))
+        assert [found.sentence for found in findings] == [], seed
+        assert {verdict.code for verdict in verdicts} <= NO_FAULT, seed
 
 
 @pytest.mark.parametrize("form", ["times", "marks", "words", "capture", "pieces"])
@@ -226,12 +227,13 @@ INJECTED = {
 }
 
 
-@every_case("seed", range(4))
+@pytest.mark.parametrize("seeds", part_or_whole(1, 4))
 @every_case("faults", INJECTED)
-def test_the_faults_of_the_simulators_are_named_for_what_they_are(faults: str, seed: int) -> None:
-    findings, verdicts = diagnosed(log_of(injected(faults, seed), "marks"))
-    assert {verdict.code for verdict in verdicts} <= INJECTED[faults], [found.sentence for found in findings]
-    assert len(verdicts) == 1
+def test_the_faults_of_the_simulators_are_named_for_what_they_are(faults: str, seeds: int) -> None:
+    for seed in range(seeds):
+        findings, verdicts = diagnosed(log_of(injected(faults, seed), "marks"))
+        assert {verdict.code for verdict in verdicts} <= INJECTED[faults], [found.sentence for found in findings]
+        assert len(verdicts) == 1, seed
 
 
 def test_a_request_at_the_end_of_a_recording_is_open() -> None:

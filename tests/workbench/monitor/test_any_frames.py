@@ -12,11 +12,12 @@ from barewire.canopen import CanFrame, ErrorFrame, FdFrame
 from barewire.canopen.frame import AnyFrame
 from barewire.devices import load
 from barewire.errors import DecodeError
-from barewire_workbench.monitor import BUS_RULES, CanMonitor, event_as_dict, event_line, of_device
+from barewire_workbench.monitor import BUS_RULES, CanMonitor, event_as_dict, event_line, of_device, sdo_transfer
 from barewire_workbench.monitor.events import MonitorEvent, SdoTransferReport, Violation
 from barewire_workbench.monitor.recording import is_can_recording, read_recording, replay_can
 from barewire_workbench.monitor.sdo_transfer import HELD_MAX, VALUE_MAX
 from barewire_workbench.recordings.model import Dropped
+from tests.helpers import part_or_whole
 from tests.workbench.monitor.recorded_run import of
 
 many = settings(max_examples=100, deadline=None, derandomize=True, database=None)
@@ -101,7 +102,7 @@ def test_passing_time_ends_all_deadlines(words: list[int], far: bool) -> None:
 @pytest.mark.long
 def test_nothing_grows_without_a_bound() -> None:
     """All identifiers, all nodes, all objects of the mapping: memory stays bounded, and refused bytes are counted."""
-    monitor = CanMonitor(held=100_000)
+    monitor = CanMonitor(held=25_000)
     for number in range(0x800):
         monitor.feed(CanFrame(number, bytes([number & 0xFF] * 8)), number / 1000)
     for place in range(3000):
@@ -120,23 +121,25 @@ def test_nothing_grows_without_a_bound() -> None:
     for node in range(1, 61):
         monitor.feed(CanFrame(0x600 + node, b"\x21\0\x21\0" + bytes(4)), 5.0)
         monitor.feed(CanFrame(0x580 + node, b"\x60\0\x21\0" + bytes(4)), 5.0)
-        for segment in range(300):
+        for segment in range(70):
             monitor.feed(CanFrame(0x600 + node, bytes([segment % 2 * 16]) + b"longone"), 5.0)
             monitor.feed(CanFrame(0x580 + node, bytes([0x20 | segment % 2 * 16]) + bytes(7)), 5.0)
-    assert monitor.held.used <= 100_000
+    assert monitor.held.used <= 25_000
     assert monitor.held.refused > 0
     *events, summary = monitor.end(6.0)
     assert event_as_dict(summary)["counts"]["bytes not held"] == monitor.held.refused
-    assert {transfer.count for transfer in of(SdoTransferReport, events)} == {2100}
+    assert {transfer.count for transfer in of(SdoTransferReport, events)} == {490}
     assert monitor.held.used == 0
     assert HELD_MAX >= VALUE_MAX
 
 
 @pytest.mark.long
-def test_a_value_too_long_to_hold_is_counted_and_its_crc_checked() -> None:
+@pytest.mark.parametrize("most", part_or_whole(20_000, VALUE_MAX))
+def test_a_value_too_long_to_hold_is_counted_and_its_crc_checked(most: int, monkeypatch: pytest.MonkeyPatch) -> None:
     """The bytes are not held, but the CRC is computed."""
+    monkeypatch.setattr(sdo_transfer, "VALUE_MAX", most)
     monitor, events = CanMonitor(), list[MonitorEvent]()
-    size = VALUE_MAX + 1003
+    size = most + 1003
     value = (bytes(range(256)) * (size // 256 + 1))[:size]
 
     def send(number: int, data: bytes) -> None:

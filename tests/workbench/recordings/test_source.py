@@ -31,7 +31,7 @@ from barewire_workbench.recordings.modbus_log.reader import is_can_capture, read
 from barewire_workbench.recordings.modbus_replay import replay_parts
 from barewire_workbench.recordings.model import Recorded, Unread
 from barewire_workbench.recordings.source import PART, START, RecordingSource
-from tests.helpers import refused, unhex
+from tests.helpers import part_or_whole, refused, unhex
 from tests.workbench.recordings.test_blf import blf, classical, container
 
 READ, VALUES = unhex("03 0000 0002"), unhex("03 04 0017 0007")
@@ -84,7 +84,7 @@ def test_a_recording_in_pieces_has_the_same_items(form: str, size: int) -> None:
 @pytest.mark.parametrize("form", FORMS)
 def test_the_first_item_is_there_before_the_rest_is_read(form: str) -> None:
     make, read = FORMS[form]
-    data, position = make(40_000), 0
+    data, position = make(4_000 if make is modbus_capture else 20_000), 0
 
     def take(size: int) -> bytes:
         nonlocal position
@@ -96,10 +96,12 @@ def test_the_first_item_is_there_before_the_rest_is_read(form: str) -> None:
     assert position <= START + 2 * PART < len(data)
 
 
+@pytest.mark.parametrize("exchanges", part_or_whole(1_500, 5_000))
 @pytest.mark.parametrize("form", FORMS)
-def test_the_memory_does_not_grow_with_the_recording(form: str) -> None:
+def test_the_memory_does_not_grow_with_the_recording(form: str, exchanges: int) -> None:
+    """Of the part, the items alone would take more than the bound."""
     make, read = FORMS[form]
-    data = make(5_000 if make is modbus_capture else 20_000)
+    data = make(exchanges if make is modbus_capture else 4 * exchanges)
     peaks = []
     for size in (len(data) // 4, len(data)):
         source = RecordingSource.of(data[:size])  # what is cut off is an Unread
@@ -178,15 +180,16 @@ def test_no_packet_of_a_capture_is_left_out_without_a_word() -> None:
     ]
 
 
-def test_connections_whose_order_is_known_are_bounded() -> None:
+@pytest.mark.parametrize("connections", part_or_whole(6_000, 20_000))
+def test_connections_whose_order_is_known_are_bounded(connections: int) -> None:
     """The reassembly forgets the connections that are silent the longest."""
     whole, port = PacketBuilder().tcp(tcp_frame(1, READ, 1), from_client=True), 34
     packets = (
         (number, Packet(number, whole[:port] + struct.pack(">H", 1024 + number) + whole[port + 2 :]))
-        for number in range(1, 20_000)
+        for number in range(1, connections)
     )
     tracemalloc.start()
-    assert sum(1 for _ in read_segments(packets, {502})) == 19_999
+    assert sum(1 for _ in read_segments(packets, {502})) == connections - 1
     peak = tracemalloc.get_traced_memory()[1]
     tracemalloc.stop()
     assert peak < 8_000_000

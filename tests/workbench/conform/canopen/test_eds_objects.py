@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 from collections import Counter
-from collections.abc import Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import replace
+from functools import partial
 
 import pytest
 
@@ -13,29 +14,34 @@ from barewire.canopen.eds import EdsItem, EdsObject
 from barewire_workbench.conform.canopen.probe import probe
 from barewire_workbench.live.canopen_conformance import case_names, cases
 from tests.canopen.virtual_bus import VirtualBus
-from tests.helpers import every_case
+from tests.helpers import every_case, part_or_whole
 from tests.workbench.conform.canopen.described import MORE, OBJECTS, described_with, device
 from tests.workbench.conform.canopen.devices import NODE, bus_with, failures, run_after_reset
 
 
 def failed_of(
-    node: LocalNode, objects: Mapping[int, EdsObject] = OBJECTS, bus: VirtualBus | None = None
+    node: LocalNode,
+    objects: Mapping[int, EdsObject] = OBJECTS,
+    bus: VirtualBus | None = None,
+    groups: tuple[str, ...] = ("OD-",),
 ) -> dict[str, str]:
     """Return the failures of the cases of the EDS."""
     bus = bus or bus_with(node)
     subject = bus.run(probe(NODE, timeout=0.1, objects=objects))
-    return failures(bus, subject, prefixes=("OD-",), objects=objects)
+    return failures(bus, subject, prefixes=groups, objects=objects)
 
 
-def test_our_device_passes_with_its_own_eds() -> None:
+@pytest.mark.parametrize("groups", part_or_whole(("OD-", "RPD", "TPD"), ("",)))
+def test_our_device_passes_with_its_own_eds(groups: tuple[str, ...]) -> None:
+    """The cases of the EDS, and those of the PDOs that they map; and of all groups with `-m proof`."""
     bus = bus_with(device())
     subject = bus.run(probe(NODE, timeout=0.1, objects=OBJECTS))
-    assert failures(bus, subject, objects=OBJECTS) == {}
+    assert failures(bus, subject, prefixes=groups, objects=OBJECTS) == {}
     made = [case for case in cases(subject, OBJECTS) if case.name.startswith("OD-")]
-    groups = Counter(case.name.split("-")[1] for case in made if not case.lacks)
+    counted = Counter(case.name.split("-")[1] for case in made if not case.lacks)
     written = {"DEFAULT", "ACCESS", "WRITE", "LENGTH", "LIMIT", "RANGE"}
-    assert set(groups) == {"READ", "SUB", "TYPE", "ABSENT", *written, "RPDO", "TPDO"}
-    assert all(count >= 2 for count in groups.values()), groups
+    assert set(counted) == {"READ", "SUB", "TYPE", "ABSENT", *written, "RPDO", "TPDO"}
+    assert all(count >= 2 for count in counted.values()), counted
     assert all(case.clause.startswith(("CiA 301", "CiA 306")) for case in made)
     assert len({case.name for case in made}) == len(made)
     assert {case.name for case in made} <= set(case_names(OBJECTS))
@@ -61,37 +67,42 @@ def changed(place: tuple[int, int], **changes: object) -> Entry:
 SPEED = (0x2000, 0)
 
 
+@pytest.mark.parametrize("also", part_or_whole((), ("OD-",)))
 @every_case(
-    ("node", "found"),
+    ("make", "found"),
     [
-        (device(changed(SPEED, type="u32")), {"OD-READ-2000:00"}),
-        (device(changed((0x2002, 0), type="u32")), {"OD-READ-2002:00"}),
-        (device(changed(SPEED, access="ro")), {"OD-WRITE-2000:00"}),
-        (device(changed(SPEED, default=30)), {"OD-DEFAULT-2000:00"}),
-        (device(changed((0x2003, 0), default="as repaired")), {"OD-DEFAULT-2003:00"}),
-        (device(changed((0x2006, 0), default="abc")), {"OD-DEFAULT-2006:00"}),
-        (device(changed(SPEED, minimum=None)), {"OD-LIMIT-2000:00"}),
-        (device(changed(SPEED, maximum=2000)), {"OD-LIMIT-2000:00"}),
-        (device(changed((0x2001, 0), minimum=None)), {"OD-LIMIT-2001:00"}),
-        (device(changed((0x2004, 0), maximum=None)), {"OD-LIMIT-2004:00"}),
-        (device(changed((0x2005, 0), minimum=None)), {"OD-LIMIT-2005:00"}),
-        (device(changed((0x2005, 0), maximum=None)), {"OD-LIMIT-2005:00"}),
-        (device(changed((0x2002, 0), access="rw")), {"OD-ACCESS-2002:00"}),
-        (device(changed((0x2004, 0), access="rw")), {"OD-READ-2004:00"}),
-        (device(changed((0x2006, 0), access="rw")), {"OD-ACCESS-2006:00"}),
-        (device(changed((0x2010, 2), access="rw")), {"OD-ACCESS-2010:02"}),
-        (device(missing=((0x2002, 0),)), {"OD-READ-2002:00"}),
-        (device(missing=((0x2010, 1),)), {"OD-READ-2010:01"}),
-        (device(missing=((0x2010, 4),)), {"OD-READ-2010:04", "OD-DEFAULT-2010:00"}),
-        (device(Entry(0x2010, 3, "third", "u8")), {"OD-SUB-2010"}),
-        (device(Entry(0x1002, 0, "status", "u32", "ro", 1)), {"OD-ABSENT-1002"}),
-        (device(Entry(0x6041, 0, "statusword", "u16", "ro", 0x637, mappable=())), {"OD-TPDO-6041:00"}),
-        (device(changed((0x2010, 1), mappable=("RPDO",))), {"OD-RPDO-2010:01"}),
-        (device(changed((0x2007, 0), mappable=("TPDO",))), {"OD-TPDO-2007:00"}),
+        (partial(device, changed(SPEED, type="u32")), {"OD-READ-2000:00"}),
+        (partial(device, changed((0x2002, 0), type="u32")), {"OD-READ-2002:00"}),
+        (partial(device, changed(SPEED, access="ro")), {"OD-WRITE-2000:00"}),
+        (partial(device, changed(SPEED, default=30)), {"OD-DEFAULT-2000:00"}),
+        (partial(device, changed((0x2003, 0), default="as repaired")), {"OD-DEFAULT-2003:00"}),
+        (partial(device, changed((0x2006, 0), default="abc")), {"OD-DEFAULT-2006:00"}),
+        (partial(device, changed(SPEED, minimum=None)), {"OD-LIMIT-2000:00"}),
+        (partial(device, changed(SPEED, maximum=2000)), {"OD-LIMIT-2000:00"}),
+        (partial(device, changed((0x2001, 0), minimum=None)), {"OD-LIMIT-2001:00"}),
+        (partial(device, changed((0x2004, 0), maximum=None)), {"OD-LIMIT-2004:00"}),
+        (partial(device, changed((0x2005, 0), minimum=None)), {"OD-LIMIT-2005:00"}),
+        (partial(device, changed((0x2005, 0), maximum=None)), {"OD-LIMIT-2005:00"}),
+        (partial(device, changed((0x2002, 0), access="rw")), {"OD-ACCESS-2002:00"}),
+        (partial(device, changed((0x2004, 0), access="rw")), {"OD-READ-2004:00"}),
+        (partial(device, changed((0x2006, 0), access="rw")), {"OD-ACCESS-2006:00"}),
+        (partial(device, changed((0x2010, 2), access="rw")), {"OD-ACCESS-2010:02"}),
+        (partial(device, missing=((0x2002, 0),)), {"OD-READ-2002:00"}),
+        (partial(device, missing=((0x2010, 1),)), {"OD-READ-2010:01"}),
+        (partial(device, missing=((0x2010, 4),)), {"OD-READ-2010:04", "OD-DEFAULT-2010:00"}),
+        (partial(device, Entry(0x2010, 3, "third", "u8")), {"OD-SUB-2010"}),
+        (partial(device, Entry(0x1002, 0, "status", "u32", "ro", 1)), {"OD-ABSENT-1002"}),
+        (partial(device, Entry(0x6041, 0, "statusword", "u16", "ro", 0x637, mappable=())), {"OD-TPDO-6041:00"}),
+        (partial(device, changed((0x2010, 1), mappable=("RPDO",))), {"OD-RPDO-2010:01"}),
+        (partial(device, changed((0x2007, 0), mappable=("TPDO",))), {"OD-TPDO-2007:00"}),
     ],
 )
-def test_a_departure_from_the_eds_fails_the_case_that_names_it(node: LocalNode, found: set[str]) -> None:
-    assert set(failed_of(node)) == found
+def test_a_departure_from_the_eds_fails_the_case_that_names_it(
+    make: Callable[[], LocalNode], found: set[str], also: tuple[str, ...]
+) -> None:
+    """No other case of its group fails, and none of all groups with `-m proof`."""
+    groups = {name.rpartition("-")[0] for name in found}
+    assert set(failed_of(make(), groups=(*groups, *also))) == found
 
 
 def test_a_value_of_another_length_that_is_accepted_is_found() -> None:

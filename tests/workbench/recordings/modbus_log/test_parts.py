@@ -11,12 +11,12 @@ import pytest
 from barewire.errors import DecodeError
 from barewire.rtu import encode
 from barewire_workbench.monitor.recording import read_recording
-from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog, read_modbus_log, read_modbus_parts
+from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog, read_modbus_log, read_modbus_parts, reader
 from barewire_workbench.recordings.modbus_log.model import FormContent
 from barewire_workbench.recordings.modbus_replay import replay, replay_parts
 from barewire_workbench.recordings.model import Unread
 from barewire_workbench.recordings.source import LINE_MAX, RecordingSource
-from tests.helpers import every_case, unhex
+from tests.helpers import every_case, some_of, unhex
 from tests.workbench.recordings.modbus_log.test_programs import SAMPLES
 from tests.workbench.recordings.test_modbus_recordings import dump_of
 
@@ -107,8 +107,6 @@ def test_the_end_of_an_endless_line_is_left_out() -> None:
 
 def test_what_the_first_part_shows_is_not_decided_again(monkeypatch: pytest.MonkeyPatch) -> None:
     """The forms of Wireshark, strace and the serial sniffers look at the first lines of a log only."""
-    from barewire_workbench.recordings.modbus_log import reader
-
     looked: list[int] = []
 
     def read_wireshark(lines: list[str], ports: object) -> FormContent:
@@ -122,9 +120,12 @@ def test_what_the_first_part_shows_is_not_decided_again(monkeypatch: pytest.Monk
     assert sum(looked) <= 4
 
 
-@pytest.mark.parametrize("size", [10_000, 65_536])
-def test_a_long_dump_is_read_in_parts(size: int) -> None:
-    data = b"".join(READ + REFUSED for _ in range(10_000))
+@pytest.mark.parametrize("exchanges_and_size", some_of([(1_000, 5_000), (10_000, 10_000), (10_000, 65_536)], 1))
+def test_a_long_dump_is_read_in_parts(exchanges_and_size: tuple[int, int], monkeypatch: pytest.MonkeyPatch) -> None:
+    """In `make test` a tenth of the dump, of which a tenth is one piece."""
+    exchanges, size = exchanges_and_size
+    monkeypatch.setattr(reader, "_DUMP_WHOLE", reader._DUMP_WHOLE * exchanges // 10_000)
+    data = b"".join(READ + REFUSED for _ in range(exchanges))
     text = dump_of(data)
     parts = list(read_modbus_parts(source_of(cut(text, size))))
     items = [item for part in parts for item in part.items if isinstance(item, LoggedBytes)]
