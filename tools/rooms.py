@@ -45,12 +45,27 @@ def loading_nodes(path: Path) -> list[ast.Import | ast.ImportFrom | ast.Call]:
 
 def nodes_that_load(source: str) -> list[ast.Import | ast.ImportFrom | ast.Call]:
     """Return the imports in a source, and calls whose first argument is a constant, such as `import_module("x")`."""
+    tree = ast.parse(source)
+    calls = "import_module" in source or "__import__" in source
     return [
         node
-        for node in ast.walk(ast.parse(source))
+        for node in (ast.walk(tree) if calls else statements(tree))
         if isinstance(node, ast.Import | ast.ImportFrom)
         or (isinstance(node, ast.Call) and node.args and isinstance(node.args[0], ast.Constant))
     ]
+
+
+def statements(node: ast.AST) -> Iterator[ast.stmt]:
+    """Yield every statement inside a node, in a small part of the time of `ast.walk`: no expression is looked into.
+
+    >>> [type(found).__name__ for found in statements(ast.parse("try:\\n    import a\\nexcept E:\\n    raise"))]
+    ['Try', 'Import', 'Raise']
+    """
+    for inside in ast.iter_child_nodes(node):
+        if isinstance(inside, ast.stmt):
+            yield inside
+        if isinstance(inside, ast.stmt | ast.excepthandler | ast.match_case):
+            yield from statements(inside)
 
 
 def imports(path: Path) -> Iterator[tuple[str, str]]:

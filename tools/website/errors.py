@@ -50,7 +50,7 @@ def raised_in() -> dict[str, list[str]]:
     """Return for each exception the modules with a `raise` of it."""
     found: dict[str, set[str]] = defaultdict(set)
     for name, file in rooms.files().items():
-        for node in ast.walk(ast.parse(file.read_text(encoding="utf-8"))):
+        for node in rooms.statements(ast.parse(file.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Raise) and isinstance(node.exc, ast.Call):
                 found[ast.unparse(node.exc.func).rpartition(".")[2]].add(name)
     return {error: sorted(modules) for error, modules in found.items()}
