@@ -20,6 +20,8 @@ NO_STATE = {"drive-commands-15", "drive-commands-16", "drive-states-24", "drive-
 """A word that is no state, or not this command: of the comparisons only these may be refused."""
 UNUSED = {f"heartbeat-consumer-{number}" for number in (3, 4, 5, 8, 9)}
 """An entry of 1016h that names no node."""
+NOT_SENT = {"emcy-25"}
+"""Asks only whether a frame is made that must not be: an encoder may refuse the fields or fill them up."""
 NO_ROLE = {f"tls-roles-{number}" for number in (5, 13, 14, 15, 16)}
 """A certificate without a role."""
 
@@ -44,7 +46,7 @@ def own(question: Question) -> dict[str, Any]:
         pytest.param(lambda question: {"is": {}}, set[str](), id="null"),
         pytest.param(lambda question: {"is": question.given}, set[str](), id="echo"),
         pytest.param(lambda question: {"is": question.as_json()}, set[str](), id="echo of the whole question"),
-        pytest.param(lambda question: {"refused": ""}, refused() | NO_STATE, id="always invalid"),
+        pytest.param(lambda question: {"refused": ""}, refused() | NO_STATE | NOT_SENT, id="always invalid"),
         pytest.param(
             lambda question: {"is": dict.fromkeys(question.expected)}, UNUSED | NO_ROLE, id="null in each field"
         ),
