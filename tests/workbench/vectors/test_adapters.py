@@ -58,7 +58,7 @@ def cases_for(then: Any, step: int) -> Vectors:
     return VECTORS._replace(files=tuple(files))
 
 
-@pytest.mark.parametrize("step", part_or_whole(6, 1))
+@pytest.mark.parametrize("step", part_or_whole(12, 1))
 @pytest.mark.parametrize("peer", [marked(peer) for peer in HERE])
 def test_an_adapter_answers_as_the_scoreboard_says(peer: Peer, step: int) -> None:
     """Another version answers otherwise in what it refuses or decides by itself, which all of `cases_for` ask."""

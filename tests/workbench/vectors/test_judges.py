@@ -120,11 +120,17 @@ def fill() -> Any:
 @pytest.fixture(
     scope="module", params=[pytest.param(40, id="a part"), pytest.param(1, id="all", marks=pytest.mark.proof)]
 )
-def rows(request: pytest.FixtureRequest, fill: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
+def step(request: pytest.FixtureRequest) -> int:
+    """The judges are given every `step`th case of each file."""
+    return int(request.param)
+
+
+@pytest.fixture(scope="module")
+def rows(step: int, fill: Any, tmp_path_factory: pytest.TempPathFactory) -> tuple[Path, list[str]]:
     """A file of rows for the judges, and the verdicts of `barewire vectors check` on them."""
     file, verdicts = tmp_path_factory.mktemp("judge") / "rows.jsonl", []
     with file.open("w", encoding="utf-8") as lines:
-        for question, answer in answered(request.param):
+        for question, answer in answered(step):
             judged = {
                 name: question.case[name] for name in ("result", "fails", "reason", "flags") if name in question.case
             }
@@ -146,11 +152,13 @@ def filled(fill: Any, question: Question, answer: Any) -> Any:
 COMMANDS = {
     "py": [sys.executable, "judge.py"],
     "js": ["node", "judge.js"],
-    "c": ["cc", "-Wall", "-Wextra", "-Werror", "-o", "{judge}", "judge.c", "-lm"],
+    "c": ["cc", "-O2", "-Wall", "-Wextra", "-Werror", "-o", "{judge}", "judge.c", "-lm"],
     "go": ["go", "build", "-o", "{judge}", "judge.go", "equal.go", "patterns.go"],
-    "rust": ["rustc", "-D", "warnings", "-o", "{judge}", "judge.rs"],
+    "rust": ["rustc", "-O", "-D", "warnings", "-o", "{judge}", "judge.rs"],
 }
-"""By language: what runs the judge, or compiles it to {judge}; to optimize would take longer than the run."""
+"""By language: what runs the judge, or compiles it to {judge}."""
+OPTIMIZED = ("-O2", "-O")
+"""Left out for a part: to optimize takes longer than to judge it."""
 NEEDS = {"js": "node", "c": "cc", "go": "go", "rust": "rustc"}
 
 
@@ -160,11 +168,12 @@ NEEDS = {"js": "node", "c": "cc", "go": "go", "rust": "rustc"}
     [pytest.param(one, marks=[pytest.mark.needs(NEEDS[one])] if one in NEEDS else []) for one in COMMANDS],
 )
 def test_each_judge_gives_the_verdicts_of_vectors_check(
-    language: str, rows: tuple[Path, list[str]], tmp_path: Path
+    language: str, step: int, rows: tuple[Path, list[str]], tmp_path: Path
 ) -> None:
     file, verdicts = rows
     made = tmp_path / "judge"
-    command = [word.format(judge=made) for word in COMMANDS[language]]
+    words = [word for word in COMMANDS[language] if step == 1 or word not in OPTIMIZED]
+    command = [word.format(judge=made) for word in words]
     if str(made) in command:
         subprocess.run(command, cwd=JUDGE / language, check=True, timeout=300)
         command = [str(made)]
