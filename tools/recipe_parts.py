@@ -15,6 +15,7 @@ import shutil
 import subprocess
 import tempfile
 from collections.abc import Collection, Mapping
+from functools import cache
 from pathlib import Path
 
 ROOT = Path(__file__).parent.parent
@@ -44,6 +45,7 @@ endef
 }
 
 
+@cache
 def openwrt() -> list[list[str]]:
     """Return what the recipe for OpenWrt says, read by GNU make: rows of `source`, `filespec` and `package`."""
     with tempfile.TemporaryDirectory() as folder:
@@ -58,12 +60,14 @@ def openwrt() -> list[list[str]]:
     return [line.split("|") for line in run.stdout.splitlines()]
 
 
+@cache
 def files() -> list[str]:
     """Return every file of the stack that is installed, as "barewire/rtu/line.py"."""
     found = (path for path in SRC.joinpath("barewire").rglob("*") if path.is_file() and path.suffix != ".pyc")
     return sorted(path.relative_to(SRC).as_posix() for path in found)
 
 
+@cache
 def parts() -> Mapping[str, set[str]]:
     """Return package -> files, as the rows `filespec` of the recipe for OpenWrt choose them."""
     chosen: dict[str, set[str]] = {}

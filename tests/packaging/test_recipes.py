@@ -13,7 +13,8 @@ from pathlib import Path
 
 import pytest
 
-from tools import recipe_parts
+from tests.helpers import some_of
+from tools import recipe_parts, rooms
 
 ROOT = Path(__file__).parents[2]
 PACKAGING = ROOT / "packaging"
@@ -73,7 +74,7 @@ def imports(files: set[str]) -> set[str]:
     found: set[str] = set()
     for file in files:
         if file.endswith(".py"):
-            for node in ast.walk(ast.parse((ROOT / "src" / file).read_text(encoding="utf-8"))):
+            for node in rooms.loading_nodes(ROOT / "src" / file):
                 if isinstance(node, ast.Import):
                     found |= {alias.name.split(".")[0] for alias in node.names}
                 elif isinstance(node, ast.ImportFrom) and node.module:
@@ -239,7 +240,7 @@ def run(folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
 
 @needs_make
 @pytest.mark.long
-@pytest.mark.parametrize("bytecode", [False, True], ids=["sources", "bytecode"])
+@pytest.mark.parametrize("bytecode", some_of([True, False], 1), ids=["bytecode", "sources"])
 def test_the_smallest_part_is_a_client_and_a_server(bytecode: bool, tmp_path: Path) -> None:
     install(tmp_path, ["python3-barewire"], NOT_IN_LIGHT | {"decimal"}, bytecode=bytecode)
     assert bytecode == (not list(tmp_path.rglob("barewire/**/*.py")))

@@ -45,7 +45,7 @@ def test_a_serial_client_alone(framing: str, tmp_path: Path) -> None:
 
 def test_a_serial_client_opens_a_pseudo_terminal_again(tmp_path: Path) -> None:
     """It has no parity, and the second attempt to set one would fail."""
-    path = written(tmp_path, "modbus-rtu-client")
+    path = written(tmp_path, "modbus-rtu-client", "coils")
     with served("rtu://pty") as server:
         port = server.url.partition("://")[2].partition("?")[0]
         read = f"ModbusRtuClient({port!r}, unit=7, timeout=20).read_holding_registers(107, 1)"
@@ -149,7 +149,7 @@ class Late:
 @pytest.mark.parametrize("framing", ["rtu", "ascii"])
 def test_a_late_answer_is_not_given_to_the_next_request(framing: str, tmp_path: Path) -> None:
     """The answer to register 5 comes when register 6 is asked: a probe tells it apart."""
-    module = imported(tmp_path, f"modbus-{framing}-client")
+    module = imported(tmp_path, f"modbus-{framing}-client", "coils")
     frames: Any = rtu_frame if framing == "rtu" else ascii_frame
     late = Late(frames)
     end = rtu_end if framing == "rtu" else lambda held: held.find(b"\n") + 1
@@ -165,7 +165,7 @@ def test_a_late_answer_is_not_given_to_the_next_request(framing: str, tmp_path: 
 
 def test_damaged_bytes_are_not_an_answer(tmp_path: Path) -> None:
     """A frame with a wrong CRC comes before the answer, a bit of it is wrong; and a write whose answer is damaged."""
-    module = imported(tmp_path, "modbus-rtu-client")
+    module = imported(tmp_path, "modbus-rtu-client", "coils")
 
     def answer(frame: bytes) -> bytes:
         unit, pdu, _ = rtu_frame.decode(frame)
@@ -182,7 +182,7 @@ def test_damaged_bytes_are_not_an_answer(tmp_path: Path) -> None:
 
 
 def test_a_port_that_fails_is_opened_again(tmp_path: Path) -> None:
-    module = imported(tmp_path, "modbus-tcp-client")
+    module = imported(tmp_path, "modbus-tcp-client", "coils")
     with served("tcp://127.0.0.1:0") as server:
         port = int(server.url.rpartition(":")[2])
         client = module.ModbusTcpClient("127.0.0.1", port, unit=7, timeout=20)
@@ -195,7 +195,7 @@ def test_a_port_that_fails_is_opened_again(tmp_path: Path) -> None:
 
 
 def test_ports_that_cannot_be_opened(tmp_path: Path) -> None:
-    module = imported(tmp_path, "modbus-rtu-client")
+    module = imported(tmp_path, "modbus-rtu-client", "coils")
     plain = tmp_path / "a_file"
     plain.touch()
     for path, text in (("/dev/nowhere", "no such file or directory"), (str(plain), "not a serial port with 19200 8E1")):
@@ -236,7 +236,7 @@ def serving(folder: Path, name: str, opened: str) -> Iterator[str]:
 
 def test_a_serial_server_alone(tmp_path: Path) -> None:
     """It opens one end of a pseudo-terminal by itself; the client of another file is at the other end."""
-    module = imported(tmp_path, "modbus-rtu-client")
+    module = imported(tmp_path, "modbus-rtu-client", "coils")
     terminal = PseudoTerminal()
     opened = f"ModbusRtuServer({terminal.path!r}, {{}})"
     with (

@@ -13,6 +13,7 @@ import pytest
 from barewire import __version__
 from barewire_workbench.vendor.head import read_head
 from barewire_workbench.vendor.recipes import RECIPES
+from tests.helpers import some_of
 from tests.workbench.cli.helpers import run_here
 from tests.workbench.vendor.made import imported, made, run_alone, written
 
@@ -40,7 +41,11 @@ pytestmark = pytest.mark.long
 
 RUFF = [sys.executable, "-m", "ruff"]
 
-every_file = pytest.mark.parametrize("name", RECIPES)
+OF_EACH_KIND = ("modbus-rtu-client", "modbus-tcp-server", "sdo-client")
+"""A client, a server and CANopen: the files of `make test`. Each takes half a second to make."""
+every_file = pytest.mark.parametrize(
+    "name", some_of(sorted(RECIPES, key=lambda name: name not in OF_EACH_KIND), len(OF_EACH_KIND))
+)
 
 
 def families(name: str) -> tuple[str, ...]:
