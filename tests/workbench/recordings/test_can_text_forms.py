@@ -302,3 +302,18 @@ def test_several_buses_have_monitors_of_their_own() -> None:
     assert {bus for bus, _ in replay_can(read_recording("\n".join(lines).encode()), bus="can1")} == {"can1"}
     many = "\n".join(f"(1.0) can{number} 705#05" for number in range(80))
     assert sum(isinstance(event, Unread) for _, event in replay_can(read_recording(many.encode()))) == 16
+
+
+@pytest.mark.parametrize(
+    ("text", "expected"),
+    [
+        ("(10.5)  can2  080   [0](10.75)  can2  1B4   [2]  60 92\n", [(10.5, "can2", "080#"), (10.75, "can2", "1B4#6092")]),
+        ("(10.5)  can2  1B4   [2]  **60 92**\n", [(10.5, "can2", "1B4#6092")]),
+        ("(10.5)  can2  1B4   [2]  60 92`\n", [(10.5, "can2", "1B4#6092")]),
+        ("01:00:10.8857 18EAFFF9 [3] 00 EE 00 (TX)\n", [(3610.8857, "can0", "18EAFFF9#00EE00")]),
+        ("01:00:10.8857 can1 605 [1] 40\n", [(3610.8857, "can1", "605#40")]),
+    ],
+)  # fmt: skip
+def test_lines_of_candump_as_they_are_posted(text: str, expected: list[tuple[float, str, str]]) -> None:
+    items = [item for item in read_recording(text.encode()) if isinstance(item, Recorded)]
+    assert [(round(item.at, 6), item.bus, str(item.frame)) for item in items] == expected

@@ -12,7 +12,9 @@
       can0  123  [12]  AA BB ...                           a length of two digits: CAN FD
       can0  20000004   [8]  00 01 ...   ERRORFRAME         with -e followed by lines that begin with a tab
     DROPCOUNT: dropped 3 CAN frames on 'can0' socket (total drops 3)
+    13:22:10.8857 605   [8]  40 41 60 ...                  a time of day, with the bus or without it: as it is posted
 
+Posted lines may have marks of Markdown, and two frames in one line.
 One line does not show whether its time is from -t d or -t z. Times are differences if one of them is smaller than the
 one before: times since the first line only increase.
 
@@ -46,10 +48,19 @@ _NUMBER = re.compile(r"\d{1,12}(?:\.\d{1,12})?", re.ASCII)
 _TIME = re.compile(r"\(([^()]*)\)\s*")
 _DIRECTION = re.compile(r"\S+\s+(RX|TX)\s+[-B]\s+[-E]\s")
 _SENT = {"T": True, "R": False}
+_CLOCK = re.compile(r"(\d\d:\d\d:\d\d\.\d{1,9})\s+(?=(\S+\s+)?[0-9A-Fa-f]{3}(?:[0-9A-Fa-f]{5})?\s+\[\d)", re.ASCII)
+_NEXT = re.compile(r"(?<=\S)(?=\(\d{1,12}\.\d{1,12}\)\s+\S+\s)")
+"""Where the next frame begins in the same line."""
 _COLUMNS = re.compile(
     r"(?P<bus>\S+)\s+(?:(?:RX|TX)\s+[-B]\s+[-E]\s+)?(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})\s+"
     r"(?P<open>[\[{])(?P<length>[0-9A-Fa-f]{1,2})[\]}](?P<rest>.*)$"
 )
+
+
+def _plain(line: str) -> str:
+    """Return a line without colours and marks of Markdown, with a time of day as candump writes it."""
+    plain = (_ANSI.sub("", line) if "\x1b" in line else line).replace("**", "").strip().strip("`")
+    return _CLOCK.sub(lambda clock: f"(1970-01-01 {clock[1]}) {'' if clock[2] else 'can0 '}", plain, count=1)
 
 
 def log_line(at: float, bus: str, frame: AnyFrame) -> str:
@@ -193,7 +204,7 @@ def are_differences(text: str) -> bool:
     """Return whether the times are differences (-t d): small, and not always increasing."""
     last = -1.0
     for line in text.splitlines():
-        match = _TIME.match(_ANSI.sub("", line).strip())
+        match = _TIME.match(_plain(line))
         if match is None:
             continue
         try:
@@ -211,7 +222,7 @@ def are_differences(text: str) -> bool:
 def is_candump(text: str) -> bool:
     """Return whether one of the first lines is a line of candump."""
     for line in text.splitlines()[:50]:
-        plain = _ANSI.sub("", line).strip()
+        plain = _plain(line)
         if _DROPS.match(plain) or _LOG.match(plain):
             return True
         if _COLUMNS.match(_TIME.sub("", plain, count=1)):
@@ -225,8 +236,7 @@ def has_times(text: str) -> bool:
     >>> has_times("(1.5) can0 705#05"), has_times("  can0  705   [1]  7F")
     (True, False)
     """
-    plain = (_ANSI.sub("", line).strip() for line in text.splitlines()[:50])
-    return any(_TIME.match(line) for line in plain)
+    return any(_TIME.match(_plain(line)) for line in text.splitlines()[:50])
 
 
 def read_candump(text: str | Iterable[str], differences: bool | None = None) -> Iterator[RecordedItem]:
@@ -240,27 +250,26 @@ def read_candump(text: str | Iterable[str], differences: bool | None = None) -> 
     times = _Times(differences)
     now = 0.0
     for number, line in enumerate(split_lines(text), start=1):
-        plain = _ANSI.sub("", line) if "\x1b" in line else line
-        if not plain.strip() or plain.startswith("\t") or plain.lstrip().startswith("# "):
+        if not line.strip() or line.startswith("\t") or line.lstrip().startswith("# "):
             continue  # empty, the text of -e for the error frame above, a comment
-        plain = plain.strip()
-        if drops := _DROPS.match(plain):
-            yield Dropped(now, drops[2], int(drops[1]))
-            continue
-        try:
-            stamp = _TIME.match(plain)
-            now = times.read(stamp[1] if stamp else None)
-            rest = plain[stamp.end() :] if stamp else plain
-            bus, _, after = rest.partition(" ")
-            if "#" in after and (log := after.split()) and "#" in log[0]:
-                yield Recorded(now, bus, parse_frame(log[0]), number, _SENT.get(log[-1]))
-            else:
-                shown = _DIRECTION.match(rest)
-                yield Recorded(now, *parse_columns(rest), number, shown and _SENT[shown[1][0]])
-        except DecodeError as error:
-            yield unread(now, number, error, line)
-        except ValueError:
-            yield unread(now, number, "the text in brackets is not a time", line)
+        for plain in _NEXT.split(_plain(line)):
+            if drops := _DROPS.match(plain):
+                yield Dropped(now, drops[2], int(drops[1]))
+                continue
+            try:
+                stamp = _TIME.match(plain)
+                now = times.read(stamp[1] if stamp else None)
+                rest = plain[stamp.end() :] if stamp else plain
+                bus, _, after = rest.partition(" ")
+                if "#" in after and (log := after.split()) and "#" in log[0]:
+                    yield Recorded(now, bus, parse_frame(log[0]), number, _SENT.get(log[-1]))
+                else:
+                    shown = _DIRECTION.match(rest)
+                    yield Recorded(now, *parse_columns(rest), number, shown and _SENT[shown[1][0]])
+            except DecodeError as error:
+                yield unread(now, number, error, line)
+            except ValueError:
+                yield unread(now, number, "the text in brackets is not a time", line)
 
 
 _BUS = re.compile(r"(?i)[vsx]?l?can\d*|[a-z]+\d+")
