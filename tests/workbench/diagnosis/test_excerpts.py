@@ -288,3 +288,11 @@ def test_a_request_that_is_sent_before_the_answer_to_the_one_before_is_called_th
         "12:00:01.200 Rx: 01 03 04 00 17 00 07 0B F5\n12:00:02.000 Tx: 01 03 00 00 00 02 C4 0B\n"
     )
     assert findings[0].endswith("[no-answer]: nothing for 0.110 s, then the next request")
+
+
+def test_frames_of_iso_tp_are_no_heartbeats() -> None:
+    bus = BusDiagnosis()
+    texts = ("701#0210010000000000", "781#065001003201F400", "701#3000320000000000")
+    assert [found for at, text in enumerate(texts) for found in bus.feed(CanFrame.parse(text), at)] == []
+    assert "ISO-TP" in bus.verdicts()[0].evidence
+    assert [found.finding.code for found in BusDiagnosis().feed(CanFrame.parse("701#0500000000000000"), 0.0)]

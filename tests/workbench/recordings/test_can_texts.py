@@ -102,6 +102,12 @@ def test_any_lines(lines: list[str]) -> None:
         ("082 40 81 10 12 47 00 fd 00\n", ["082#4081101247 00FD00".replace(" ", "")]),
         ("\t67F Tx SD  8  23 14 10 00 00 00 00 00\n", ["67F#2314100000000000"]),
         ("26.07.22 : 15:47:14.042 : Test CAN : CAN1  586 Rx SD  2  4F 01\n", ["586#4F01"]),
+        ("Standard ID: 0x351       DLC: 4  Data: 0x44 0x02 0x64 0x00\n", ["351#44026400"]),
+        ("Extended ID: 0x18FF0001  DLC: 2  Data: 0x44 0x02\n", ["18FF0001#4402"]),
+        (
+            "Sending :  <701> (3)      b'021001'\nReceiving : 1627616055.0 <781> (2) b'0650'\n",
+            ["701#021001", "781#0650"],
+        ),
     ],
 )
 def test_the_forms_of_notes(text: str, frames: list[str]) -> None:

@@ -61,6 +61,7 @@ _PROTOCOL, _ACKNOWLEDGE_BITS = 0x08, (b"\x19", b"\x1b")
 """A violation of the protocol has its place in the fourth byte: here the slot of the acknowledgement, or its end."""
 _LSS_CONFIGURES = (b"\x11", b"\x13", b"\x17")
 """Services of LSS whose answer has an error."""
+_LSS = (ANSWER_KEY[0], ANSWER_KEY[0] + 1)
 _CONTROLLER = 0x04
 ERROR_PASSIVE = 128
 """The error counter from which on a controller is error passive; one frame that cannot be sent adds 8 [ISO 11898-1]."""
@@ -382,6 +383,7 @@ class BusDiagnosis:
         self._last_transfer = ""
         self._sizeless = ""  # the first expedited answer without a size
         self._foreign = 0  # frames with an identifier that CANopen does not use
+        self._iso_tp = 0  # frames of another protocol
         self._judged = False  # a frame was heard whose meaning is known
         self._reset = ""  # the nodes that were reset by a command, if none was heard after it
         self._alone: dict[int, str] = {}  # the PDOs of a log with few frames and no others
@@ -401,6 +403,9 @@ class BusDiagnosis:
             proofs += self._error_frame(item, now)
         elif item is not None and not isinstance(item, Dropped):
             self._errors = 0 if sent is not True else self._errors
+            if not self._judged and _is_iso_tp(item):
+                self._iso_tp += 1
+                item = item._replace(id=0x7FF)  # which no service of CANopen uses
             self.counts.note(item, now, sent)
             if isinstance(item, CanFrame):
                 proofs += self._frame(item, now, line)
@@ -473,6 +478,8 @@ class BusDiagnosis:
             yield f"{self._sizeless} has 4 bytes and does not state how many count (42h), which is allowed"
         if counts.frames and counts.extended == counts.frames:
             yield "all identifiers have 29 bits: no CANopen"
+        if self._iso_tp and self._iso_tp == counts.frames:
+            yield "all are as frames of ISO-TP (ISO 15765-2): no CANopen"
         yield from (f"{identifier:03X}h is {what} of the predefined set" for identifier, what in self._alone.items())
         searched = [node for node in counts.asked if counts.is_search(node)]
         if searched:
@@ -691,6 +698,13 @@ class BusDiagnosis:
         if event.kind == "boot-up" and event.unasked:
             text = f"the node restarted by itself; it was {state_name(event.before or 0)}"
             yield Proved(event.node, Finding("restart", text, "a boot-up message without a reset command before it"))
+
+
+def _is_iso_tp(frame: AnyFrame) -> bool:
+    """Return whether 8 bytes with an identifier of error control, or a higher one, begin as ISO-TP has them: the length
+    of one frame, of the first of several, a number, or flow control. A state has its byte alone, or zeros behind it."""
+    is_high = isinstance(frame, CanFrame) and 0x700 < frame.id <= 0x7FF and frame.id not in _LSS and not frame.remote
+    return is_high and len(frame.data) == 8 and 0 < frame.data[0] < 0x40 and any(frame.data[1:])
 
 
 def _meaning(code: int | None) -> str:

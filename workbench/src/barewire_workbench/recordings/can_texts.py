@@ -51,6 +51,7 @@ timestamp,arbitration_id,extended,remote,error,dlc,data
     182#4007     error: 20000004#0030...       60B   [8]  40 0A 10 00 00 00 00 00
     082 40 81 10 12 47 00 fd 00                30)  2427.0  Rx  0CF00400  8  F8 7D ...     as many bytes as it says
     67F Tx SD  8  23 14 10 00 00 00 00 00      msg ID: 0x20000088, Data[0..7]: 0x00, 0x00, ...
+    <701> (8) b'0210010000000000'              Standard ID: 0x351  DLC: 8  Data: 0x44 0x02 ...
     COB-ID: 0x7E5                              can.Message(arbitration_id=0x605, dlc=8, data=[0x40, 0x41, ...])
     Data: 04 01 00 00 00 00 00 00              Response from 0x7E4: 17 01 ...               beside one of the others
 
@@ -478,7 +479,10 @@ _COLUMNS = re.compile(
 _ID = re.compile(
     r"(?i)(?<![a-z])(?P<of>[a-z]{2,12})?[-_ ]?id(?:entifier)?\b\W{0,3}[:= ]\W{0,3}(?:0x)?(?P<id>[0-9a-f]{1,10})h?\b"
 )
-_OF_CAN = frozenset({"cob", "can", "arbitration", "msg", "message", "std", "ext", "frame", "tx", "rx"})
+_OF_CAN = frozenset(
+    {"cob", "can", "arbitration", "msg", "message", "std", "ext", "standard", "extended", "frame", "tx", "rx"}
+)
+_BYTES_NOTE = re.compile(r"<(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})>\s+\([0-8]\)\s+b'(?P<data>(?:[0-9A-Fa-f]{2}){0,8})'")
 _DLC = re.compile(r"(?i)\b(?:dlc?|len|length|size)\W{0,4}([0-8])\b")
 _DATA = re.compile(r"(?i)\b(?:data|payload|bytes)(?:\[[\d. ]{1,6}\])?[\s:=({\[\x22]{1,4}(?=[0-9a-f])")
 _NUMBERS = re.compile(r"[\s:=,({\[]*((?:(?:0[xX])?[0-9A-Fa-f]{1,3}\b[\s,;-]{0,3}){1,8}|(?:[0-9A-Fa-f]{2}){1,8}\b)")
@@ -537,7 +541,7 @@ def _noted_frames(lines: Iterable[str]) -> Iterator[tuple[int, str, str]]:
         frame_match = _HASHED.search(line) if "#" in line else None
         if frame_match is None and (columns := _COLUMNS.search(line)) is not None:
             frame_match = columns if 2 * int(columns["length"]) == len(_joined(columns["data"])) else None
-        frame_match = frame_match or _TIMED_NOTE.fullmatch(line)
+        frame_match = frame_match or _TIMED_NOTE.fullmatch(line) or _BYTES_NOTE.search(line)
         frame = "" if frame_match is None else _frame_text(frame_match["id"], _joined(frame_match["data"]))
         named = _ID.search(title + line) if not frame else None
         title = ""
