@@ -51,6 +51,14 @@ def test_a_log_of_one_side_accuses_nobody_of_silence(text: str, side: str) -> No
     assert verdicts.count("verdict: ") == 1
 
 
+def test_a_log_whose_other_frames_are_left_out_is_not_of_one_side() -> None:
+    findings, verdicts = told(
+        "send: 0x1 0x3 0x0 0x0 0x0 0x2 0xc4 0xb\n>>>>> recv: 0x1 0x3 0x4 0x0 0x17 0x0 0x7 0xb 0xf5\n"
+    )
+    assert findings == []
+    assert "one side" not in verdicts
+
+
 def test_a_program_that_says_that_nothing_came_has_both_sides() -> None:
     findings, _ = told(2 * "send: 0x1 0x3 0x0 0x0 0x0 0x2 0xc4 0xb\nrecv:\n")
     assert [finding.partition("[")[2].partition("]")[0] for finding in findings] == ["no-answer", "no-answer"]

@@ -9,7 +9,7 @@ from pathlib import Path
 import pytest
 
 from barewire_workbench.frames.modbus_exchanges import Exchanges
-from barewire_workbench.recordings.modbus_log import LoggedBytes, read_modbus_log
+from barewire_workbench.recordings.modbus_log import UNREADABLE, LoggedBytes, read_modbus_log
 from barewire_workbench.recordings.modbus_replay import replay_log
 from barewire_workbench.recordings.model import Unread
 from tests.helpers import every_case
@@ -130,3 +130,49 @@ def test_the_answer_in_an_error_of_minimalmodbus_and_what_pymodbus_handles_are_r
         assert [item.data for item in read_modbus_log(line).items if isinstance(item, LoggedBytes)] == [
             bytes.fromhex(data)
         ]
+
+
+@every_case(
+    ("text", "pieces"),
+    [
+        # both words show the same read; the second one with what was received before
+        ("Handling data: 0x1 0x83 0x2 0xc0 0xf1\nProcessing: 0x1 0x83 0x2 0xc0 0xf1\n" * 2, ["01 83 02 c0 f1"] * 2),
+        (
+            "Handling data: 0x1 0x83\nProcessing: 0x1 0x83\nHandling data: 0x2 0xc0 0xf1\n"
+            "Processing: 0x1 0x83 0x2 0xc0 0xf1\n",
+            ["01 83 02 c0 f1"],
+        ),
+        # several loggers print one event; the same request some time later is another one
+        (
+            "10:00:00,045 DEBUG send: 0x1 0x3 0x0 0x0 0x0 0x1 0x84 0xa\n" * 3
+            + "10:00:00.046 DEBUG [pymodbus] send: 0x1 0x3 0x0 0x0 0x0 0x1 0x84 0xa\n"
+            + "10:00:01,045 DEBUG send: 0x1 0x3 0x0 0x0 0x0 0x1 0x84 0xa\n",
+            ["01 03 00 00 00 01 84 0a"] * 2,
+        ),
+        (
+            "10:00:01 DEBUG send: 0x1 0x3 0x0 0x0 0x0 0x1 0x84 0xa\n" * 2,
+            ["01 03 00 00 00 01 84 0a"] * 2,
+        ),
+        # and prints what it received as unexpected, too
+        (
+            "10:00:00,045 DEBUG recv: 0x1 0x83 0x2 0xc0 0xf1 extra data:\n"
+            "10:00:00,046 DEBUG extra: unexpected data: 0x1 0x83 0x2 0xc0 0xf1\n"
+            "10:00:00.045 DEBUG [pymodbus] recv: 0x1 0x83 0x2 0xc0 0xf1 extra data:\n",
+            ["01 83 02 c0 f1"],
+        ),
+    ],
+)
+def test_what_pymodbus_prints_twice_is_one_frame(text: str, pieces: list[str]) -> None:
+    items = [item for item in read_modbus_log(text.encode()).items if isinstance(item, LoggedBytes)]
+    assert [item.data.hex(" ") for item in items] == pieces
+
+
+@every_case("colour", ["\x1b[0m", "#033[0m", "^[[0m", "\\e[36m"])
+def test_colours_of_a_terminal_are_no_bytes(colour: str) -> None:
+    log = read_modbus_log(f"{colour}recv: 0x1 0x83 0x2 0xc0 0xf1{colour}\n".encode())
+    assert [item.data.hex() for item in log.items if isinstance(item, LoggedBytes)] == ["018302c0f1"]
+
+
+def test_a_line_with_two_times_holds_no_bytes() -> None:
+    text = "Aug 24 08:39:23 host 2022-08-24 08:39:23.905 DEBUG Reading register 43006\nrecv: 0x1 0x83 0x2 0xc0 0xf1\n"
+    assert read_modbus_log(text.encode()).items[0][2] != UNREADABLE

@@ -19,6 +19,7 @@ from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.frames.result import ProtocolName, counted
 from barewire_workbench.recordings.modbus_log import UNREADABLE, LoggedBytes, ModbusLog
 from barewire_workbench.recordings.modbus_log.marked import frame_pdu
+from barewire_workbench.recordings.modbus_log.programs import BELOW_ERROR
 from barewire_workbench.recordings.modbus_replay import LogSniffers, SerialProtocol
 from barewire_workbench.recordings.model import LEFT_OUT
 from barewire_workbench.sniffer import WINDOW, HeardLine, Sniffer, SnifferEvent, shapes
@@ -131,7 +132,8 @@ def _one_side(log: ModbusLog) -> str:
     """Return what a log shows, if that is one side only, and no wait in vain for the other one; empty otherwise. A
     capture shows both, and bytes with times alone are those of a line."""
     pieces = [item for item in log.items if isinstance(item, LoggedBytes)]
-    if log.form == "capture" or not pieces or not all(item.data for item in pieces):
+    is_partial = any(BELOW_ERROR in note for note in log.notes)
+    if log.form == "capture" or is_partial or not pieces or not all(item.data for item in pieces):
         return ""
     sides = {item.from_client for item in pieces}
     if None in sides and not log.timed:

@@ -108,6 +108,7 @@ class _PymodbusLog:
         self.repeated: list[LogEntry] = []
         self.known: set[int] = set()
         self.unreadable: set[int] = set()
+        self._handled = b""  # of the line before, if that has "Handling data"
         self._cut: tuple[int, list[LogEntry]] = (-1, [])  # the line that ended within bytes, and their entries
 
     def add_words(self, number: int, line: str, words: list[re.Match[str]]) -> None:
@@ -150,6 +151,9 @@ class _PymodbusLog:
         is_processed = "Processing:" in line or "Handling data:" in line
         if is_processed and (match := _PYMODBUS_PROCESSING.search(line)) and match["bytes"]:
             data = bytes(int(token, 16) for token in match["bytes"].split())
+            if self._handled and data.endswith(self._handled):
+                self.processed.pop()  # the same read, and what was received before
+            self._handled = b"" if "Processing:" in line else data
             before = self.processed[-1].data or b"" if self.processed else b""
             if before and len(data) > len(before) and data.startswith(before):
                 self.processed.pop()  # the same bytes, and more
@@ -169,13 +173,16 @@ class _PymodbusLog:
         return FormContent(kinds[kind], self.known, notes, self.unreadable, kind)
 
 
+BELOW_ERROR = "below an error, not in the log above: left out"
+
+
 def _not_counted(repeated: list[LogEntry], entries: list[LogEntry]) -> tuple[tuple[int, str], ...]:
     """Return a note about repeated frames that are not among the entries: their places in time are not known."""
     pieces = {entry.data for entry in entries}
     left = [entry for entry in repeated if entry.data not in pieces]
     if not left:
         return ()
-    return ((left[0].line, f"{counted(len(left), 'frame')} below an error, not in the log above: left out"),)
+    return ((left[0].line, f"{counted(len(left), 'frame')} {BELOW_ERROR}"),)
 
 
 _LIBMODBUS_SENT = re.compile(r"(?:\[ ?[0-9A-Fa-f]{2} ?\] ?){2,}")

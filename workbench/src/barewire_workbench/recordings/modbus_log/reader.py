@@ -193,8 +193,8 @@ _LONGEST_LINE = 20_000
 """Characters; no form looks into a longer line."""
 _GENERAL: dict[str, Callable[[list[str]], FormContent]] = {"blocks": read_blocks, "marked": read_marked}
 """Forms of many programs, for the lines that no other form has read."""
-_SHORTEST = 4
-"""Bytes of the shortest frame."""
+_SHORTEST, _AT_ONCE = 4, 0.005
+"""Bytes of the shortest frame; seconds in which no program sends or receives the same one again."""
 _LINES_MAX = 20
 """The most lines of one frame."""
 UNREADABLE = "the bytes in this line cannot be read"
@@ -211,8 +211,8 @@ _LOOKS_LIKE_BYTES = re.compile(
 )
 _FRAME = re.compile(r"FRAME=[^;]*")
 """The field of a frame in `DATE=...;FRAME=01-03-...;SLAVE=1;`, as monitors write it."""
-_COLOURS = re.compile(r"\x1b\[[0-9;]{0,20}[mK]")
-"""What sets the colours of a terminal."""
+_COLOURS = re.compile(r"(?:\x1b|#033|\^\[|\\u001b|\\e|\u241b)\[[0-9;]{0,20}[mK]")
+"""What sets the colours of a terminal, also as rsyslog and editors show it."""
 _TIME_OF_DAY = re.compile(r"\s*[(\[]?\d{1,2}:\d{2}:\d")
 """Hours, minutes and seconds, as `parse_log` reads them: they begin again at midnight."""
 _ASCII = bytes(range(0x80))
@@ -268,7 +268,7 @@ def read_modbus_parts(
 
 def _plain(line: str) -> str:
     """Return a line without colours, and without the text of a comment."""
-    if "\x1b" in line:
+    if "[" in line:
         line = _COLOURS.sub("", line)
     return "" if line.lstrip().startswith("#") else line
 
@@ -438,7 +438,8 @@ class _LogReader:
             known |= content.known if content.entries else set()
             notes += content.notes
         names = [name for name in (*_OF_PACKETS, *FORMS, *_GENERAL) if name in owners.values()]
-        entries = [by_place[place] for place in sorted(by_place)]
+        before = [] if self._before is None else [self._before]
+        entries = _once([*before, *(by_place[place] for place in sorted(by_place))])[len(before) :]
         return " and ".join(names), FormContent(entries, known, tuple(notes), unreadable)
 
     def _own_words(
@@ -558,7 +559,7 @@ class _LogReader:
 
     def _left(self, number: int, line: str) -> Unread:
         is_short = len(line) <= _LONGEST_LINE
-        has_bytes = is_short and _LOOKS_LIKE_BYTES.search(without_stamp(line)[0]) is not None
+        has_bytes = is_short and _LOOKS_LIKE_BYTES.search(without_stamp(without_stamp(line)[0])[0]) is not None
         why = UNREADABLE if has_bytes else "no bytes of a frame in this line"
         if not is_short:
             why = f"a line of more than {_LONGEST_LINE:,} characters"
@@ -616,6 +617,18 @@ class _LogReader:
         log = self._assembled("bytes", entries, left)
         self._is_prefixed = True
         return log
+
+
+def _once(entries: list[LogEntry]) -> list[LogEntry]:
+    """Return the entries without those that another logger of the program printed again, at the same time."""
+    kept = entries[:1]
+    for entry in entries[1:]:
+        last, data = kept[-1], entry.data or b""
+        is_same = (data, entry.sent) == (last.data, last.sent) and len(data) >= _SHORTEST and len({*data}) > 1
+        stamps = [stamp.seconds for stamp in (last.stamp, entry.stamp) if stamp is not None and stamp.seconds % 1]
+        if not is_same or entry.sent is None or len(stamps) < 2 or abs(stamps[1] - stamps[0]) > _AT_ONCE:
+            kept.append(entry)
+    return kept
 
 
 def _is_quoted(before: Posted, this: Posted) -> bool:
