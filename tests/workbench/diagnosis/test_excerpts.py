@@ -304,3 +304,37 @@ def test_frames_of_iso_tp_are_no_heartbeats() -> None:
     assert [found for at, text in enumerate(texts) for found in bus.feed(CanFrame.parse(text), at)] == []
     assert "ISO-TP" in bus.verdicts()[0].evidence
     assert [found.finding.code for found in BusDiagnosis().feed(CanFrame.parse("701#0500000000000000"), 0.0)]
+
+
+@every_case(
+    ("text", "said"),
+    [
+        # the end of a text: of a response that is due, of any frame, with half a byte, and of TCP
+        (ASKED_TCP + "recv: 00 07 00 00\n", "the end of the last response, of unit 1: 4 of its 13 bytes"),
+        (ASKED_TCP + "recv: 00 07 00 00 00 07 01 03 04 0\n", "of the last response, of unit 1: 9 of its 13 bytes"),
+        ("recv: 01 83 02 C0 F1\nsend: 01 0F 00 00 00 0", "the end of the last frame: 5 bytes of it are in the log, 01 0F 00 00 00"),
+        # its beginning
+        ("03 00 00 00 02 C4 0B\n01 03 04 00 17 00 07 0B F5\n", "the beginning of the first frame"),
+        (
+            ASKED + "recv: 01 03 04 00 17\nsome words\n" + ASKED + "recv: 01 03 04 00 17 00 07 0B F5\n",
+            "",
+        ),
+        (
+            "recv: 17 00 07 0B F5\n" + ASKED + "recv: 01 03 04 00\n" + ASKED,
+            "its reader took apart: 4 bytes in line 3 and 5 in line 1, whose CRC fits together",
+        ),
+    ],
+)  # fmt: skip
+def test_what_a_quotation_cuts_is_no_fault(text: str, said: str) -> None:
+    findings, verdicts = told(text)
+    assert (findings == []) is (said != "")
+    assert said in verdicts
+
+
+def test_in_whole_seconds_no_short_silence_is_known_and_each_finding_has_the_line_of_its_request() -> None:
+    lines = [f"12:00:0{second} send: 01 03 00 00 00 02 C4 0B\n" for second in (0, 0, 1, 5)]
+    findings, _ = told("".join(lines) + "12:00:06 recv: 01 04 04 00 00 01 10 FB D8\n" + lines[3].replace("05", "30"))
+    shown = [finding.partition("  ")[2] for finding in findings]
+    assert [finding[:6] for finding in shown[:3]] == ["line 1", "line 2", "line 3"]
+    assert "0.000 s" not in "".join(shown)
+    assert "nothing for about 2 s" in shown[2]

@@ -10,6 +10,7 @@ ends before proves nothing.
 
 from __future__ import annotations
 
+from collections import deque
 from collections.abc import Iterable, Iterator
 
 from barewire.modbus.adu import BROADCAST
@@ -58,6 +59,8 @@ _SECOND_ANSWER = 0.05
 _NO_TIME_OUT = 0.05
 """Seconds: no client gives up a response sooner, and sends its next request. MinimalModbus waits so long. Equal times
 prove nothing: in some logs they are whole seconds."""
+_KNOWN = 2.0
+"""Seconds between two times in whole seconds that are more than their error."""
 _NO_TARGET = (b"\x0a", b"\x0b")
 """Exceptions of a gateway: no path to the unit, no response from it."""
 _ILLEGAL_ADDRESS = b"\x02"
@@ -105,6 +108,9 @@ class LineDiagnosis:
         self._instead = -1.0  # when something else than a response came, which has its finding
         self.one_side = ""
         """"requests" or "responses", if the log shows nothing else: then none of them stands alone."""
+        self.in_seconds = False
+        """Whether the times are in whole seconds, so that a short silence is not known."""
+        self._open_lines: deque[tuple[RequestSeen, int]] = deque(maxlen=KEPT)  # of requests without a response so far
         self._side = OneSide()
         self.unread_at = -1.0
         """The time of the last line of the log whose bytes cannot be read: they may be the response."""
@@ -347,6 +353,7 @@ class LineDiagnosis:
         """Take the response to a request."""
         unit = self.counts.unit(event.unit)
         self._requests.answered(request)
+        self._line_of_open(request)
         self._listening.discard(event.unit)
         exception = event.pdu[1:2] if event.pdu[0] & EXCEPTION_BIT else b""
         if exception in _NO_TARGET:
@@ -401,6 +408,7 @@ class LineDiagnosis:
                 yield self._located(event, longer)
 
     def _note_request(self, request: RequestSeen) -> None:
+        self._open_lines.append((request, self._line_of(request)))
         self._last_request = request
         self._requests.note(request)
 
@@ -439,6 +447,14 @@ class LineDiagnosis:
         """Return a finding with the place of its frame."""
         return Located(frame.unit, finding, frame.at, self._line_of(frame))
 
+    def _line_of_open(self, request: RequestSeen) -> int:
+        """Return the line of a request that is open no more: of equal ones in the same second, of the first."""
+        found = next((pair for pair in self._open_lines if pair[0] == request), None)
+        if found is None:
+            return self._line_of(request)
+        self._open_lines.remove(found)
+        return found[1]
+
     def _line_of(self, frame: RequestSeen | ResponseSeen | AmbiguousFrame) -> int:
         piece = self.pieces.of(frame)
         return 0 if piece is None else piece.line
@@ -446,7 +462,7 @@ class LineDiagnosis:
     def _no_response(self, event: ResponseMissing, following: SnifferEvent | None) -> Iterator[Located]:
         request = event.request
         unit = self.counts.unit(request.unit)
-        line = self._line_of(request)
+        line = self._line_of_open(request)
         if self._is_echo(request, following):
             self.counts.echoes += 1
             self._echoed = following
@@ -506,9 +522,11 @@ class LineDiagnosis:
             return  # a late response came first; the one to this request may follow
         text = f"no response to {explain_pdu(request.pdu, 'request').summary}"
         proof = "nothing before the next request" if following is not None else "nothing in the time for it"
-        if self._timed:
+        waited = event.at - request.at
+        if self._timed and (not self.in_seconds or waited >= _KNOWN):
             is_followed = isinstance(following, RequestSeen) and following.at == event.at
-            proof = f"nothing for {event.at - request.at:.3f} s{', then the next request' * is_followed}"
+            seconds = f"about {waited:.0f} s" if self.in_seconds else f"{waited:.3f} s"
+            proof = f"nothing for {seconds}{', then the next request' * is_followed}"
         yield Located(request.unit, Finding("no-answer", text, proof), event.at, line)
 
     def _is_echo(self, request: RequestSeen, following: SnifferEvent | None) -> bool:

@@ -24,6 +24,9 @@ from barewire_workbench.recordings.modbus_replay import LogSniffers, SerialProto
 from barewire_workbench.recordings.model import LEFT_OUT
 from barewire_workbench.sniffer import WINDOW, HeardLine, Sniffer, SnifferEvent, shapes
 
+_NEAR = 4
+"""So many damaged pieces on, the beginning of one may follow its end."""
+
 
 def _ignore(event: SnifferEvent, protocol: ProtocolName) -> None:
     """Take an event, and do nothing."""
@@ -49,8 +52,8 @@ class ModbusLogDiagnosis:
         whole: bool = True,
     ) -> None:
         self.log = log = _with_framing(log)
-        if log.timed and all(item.at % 1 == 0 for item in log.items):
-            window += 1.0  # its times are in whole seconds
+        self._in_seconds = log.timed and all(item.at % 1 == 0 for item in log.items)
+        window += 1.0 if self._in_seconds else 0.0
         self._on_event = on_event
         pieces = [item.data for item in log.items if isinstance(item, LoggedBytes) and len(item.data) > STRAY]
         tails = {data[before:] for data in pieces for before in range(1, STRAY + 1)}
@@ -62,8 +65,10 @@ class ModbusLogDiagnosis:
         self._left_out: list[str] = []
         self._envelopes = Envelopes()
         self._one_side = _one_side(log) if whole else ""
-        last = log.items[-1] if whole and log.items else None
-        self._is_cut = isinstance(last, LoggedBytes) and last.from_client is False and len(last.data) > 0
+        behind = (item for item in reversed(log.items) if isinstance(item, LoggedBytes) or item.text.strip("`"))
+        last = next(behind, None) if whole else None
+        self._is_cut = isinstance(last, LoggedBytes) and len(last.data) > 0
+        self._halves = _halves(log) if whole else {}
         self._sniffers = LogSniffers(log, window, protocol, self._wrapped)
 
     def __repr__(self) -> str:
@@ -75,8 +80,9 @@ class ModbusLogDiagnosis:
         self._tracked.setdefault(name, []).append(tracked)
         if name not in self.lines:
             self.lines[name] = LineDiagnosis(protocol, timed=self.log.timed)
-            self.lines[name].one_side = self._one_side
+            self.lines[name].one_side, self.lines[name].in_seconds = self._one_side, self._in_seconds
             self.lines[name].pieces.repeated, self.lines[name].pieces.is_cut = self._repeated, self._is_cut
+            self.lines[name].pieces.halves = self._halves
         if len(self.lines) == 2:  # one alone has no name
             for other, diagnosis in self.lines.items():
                 diagnosis.name = other
@@ -140,6 +146,21 @@ def _one_side(log: ModbusLog) -> str:
         pdus = [frame_pdu(item.protocol, item.data) if item.protocol else None for item in pieces]
         sides = {(None if pdu is None or len(set(shapes(pdu))) == 1 else shapes(pdu)[0]) for pdu in pdus}
     return {True: "requests", False: "responses", None: ""}[sides.pop()] if len(sides) == 1 else ""
+
+
+def _halves(log: ModbusLog) -> dict[bytes, str]:
+    """Return the pieces of which two are one frame of RTU, the end printed before the beginning, and what to say of the
+    beginning: their reader took them apart, and printed the end as left over."""
+    found: dict[bytes, str] = {}
+    items = (item for item in log.items if isinstance(item, LoggedBytes) and len(item.data) > STRAY)
+    pieces = [item for item in items if item.protocol == "rtu" and frame_pdu("rtu", item.data) is None]
+    for place, end in enumerate(pieces):
+        for begin in pieces[place + 1 : place + _NEAR]:
+            if frame_pdu("rtu", begin.data + end.data) is not None:
+                sizes = f"{len(begin.data)} bytes in line {begin.line} and {len(end.data)} in line {end.line}"
+                found[end.data] = ""
+                found[begin.data] = f"response that its reader took apart: {sizes}, whose CRC fits together"
+    return found
 
 
 def _with_framing(log: ModbusLog) -> ModbusLog:

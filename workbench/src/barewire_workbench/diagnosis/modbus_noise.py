@@ -18,6 +18,7 @@ from typing import NamedTuple
 from barewire.modbus.adu import Adu
 from barewire.modbus.messages.base import EXCEPTION_BIT
 from barewire.modbus.messages.registry import decode_request, decode_response
+from barewire.rtu.crc import crc16
 from barewire.tcp.frame import PREFIX
 from barewire_workbench.diagnosis.can_log import PROVES
 from barewire_workbench.diagnosis.exchange import diagnose_exchange, frame_of, lost_end, response_size, shown_digits
@@ -67,6 +68,8 @@ class LinePieces:
         """Bytes that are in the log more than once."""
         self.is_cut = False
         """Whether the log ends with bytes, so that there may be more."""
+        self.halves: dict[bytes, str] = {}
+        """Parts of a frame that were printed apart, and what to say of each."""
         self._noise: Piece | None = None  # the next frame decides what it is
         self._asked: Piece | None = None  # the last frame, if it is a request
         self._before: Piece | None = None  # the last frame
@@ -89,15 +92,25 @@ class LinePieces:
         return self._stuck is not None and self.of(response) is self._stuck
 
     def end_cut(self) -> bool:
-        """Return whether the log ends within a response; that is no fault of the line."""
+        """Return whether the log ends within a response to the open request. Neither this nor the beginning of any
+        other frame at the end is a fault of the line."""
         noise = self._noise
-        size = None if noise is None else self._due(noise)
-        if noise is None or size is None or len(noise.data) >= size or not self.is_cut:
+        if noise is None or not self.is_cut:
             return False
-        self._noise = None
-        seen = f"{len(noise.data)} of its {size} bytes are in the log"
-        self.unsettled.unseen.append(f"the end of the last response, of unit {noise.data[0]}: {seen}")
-        return True
+        size, asked = self._due(noise), self._asked.adu if self._asked is not None else None
+        is_fault = self.counts.last_lost > 0 or (self.protocol == "rtu" and crc16(noise.data) == 0)  # of its sender
+        if size is not None and len(noise.data) < size and asked is not None and not is_fault:
+            seen = f"{len(noise.data)} of its {size} bytes are in the log"
+            self.unsettled.unseen.append(f"the end of the last response, of unit {asked.unit}: {seen}")
+            self._noise = None
+            return True
+        if self.counts.frames and (asked is None or self.protocol != "tcp"):
+            found = self.examiner.findings(noise.data, None, good=self.counts.frames >= PROVES)
+            if found and found[0].code == "cut-frame" and "CRC" not in f"{found[0].text} {found[0].proof}":
+                seen = f"{counted(len(noise.data))} of it are in the log, {shown_digits(noise.data)}"
+                self.unsettled.unseen.append(f"the end of the last frame: {seen}")
+                self._noise = None
+        return False
 
     def take(self, piece: Piece) -> Iterator[Located]:
         """Take the next piece; yield what is found on the noise before it."""
@@ -136,6 +149,12 @@ class LinePieces:
         """Return the bytes of the response of RTU that noise begins; None if it begins none, or the request does not
         tell."""
         asked = self._asked.adu if self._asked is not None else None
+        if self.protocol == "tcp" and asked is not None and self._asked is not None:
+            head, size = self._asked.data[:4] + noise.data[4:6] + bytes((asked.unit,)), response_size(asked.pdu)
+            functions = (asked.pdu[0], asked.pdu[0] | EXCEPTION_BIT)
+            fits = any((head + bytes((function,))).startswith(noise.data[:8]) for function in functions)
+            size = PREFIX + int.from_bytes(noise.data[4:6], "big") if len(noise.data) > PREFIX else size and size + 4
+            return size if fits else None
         if self.protocol != "rtu" or asked is None or len(noise.data) < 2 or not self._begins_answer(noise):
             return None
         size = _EXCEPTION if noise.data[1] & EXCEPTION_BIT else response_size(asked.pdu)
@@ -165,7 +184,8 @@ class LinePieces:
         is_burst = answered or len(set(noise.data)) == 1  # one level that stays, read as the same byte again and again
         is_long = len(noise.data) > (_BURST if is_burst else STRAY)
         if is_long or self.protocol == "tcp" or self._begins_answer(noise):
-            is_first = not self.counts.frames and after is not None and after.joined
+            is_plain = not self._timed and noise.from_client is None
+            is_first = not self.counts.frames and after is not None and (after.joined or is_plain)
             around = after if after is not None and after.joined and is_long else None
             yield from self._damaged(noise, is_first=is_first, around=around)
         elif after is not None and after.adu is not None and self._beside(noise, after):
@@ -211,6 +231,11 @@ class LinePieces:
         counts, asked = self.counts, self._asked if noise.from_client is not True else None
         if self._asked is None and self._is_part_again(noise):
             self.unsettled.open["frame printed again without its beginning"] += 1
+            return
+        if noise.data in self.halves:
+            self.unsettled.open.update([self.halves[noise.data]] if self.halves[noise.data] else [])
+            if asked is not None and asked.adu is not None:
+                self.spoiled.append((asked.adu.unit, asked.end))
             return
         counts.bursts += 1
         unit, begins = 0, False

@@ -72,7 +72,7 @@ _PYMODBUS_BYTES = re.compile(rf"\s*(?P<bytes>{_HEX_BYTES})(?:old_data:.*|extra d
 _PYMODBUS_MORE = re.compile(r"(?:0x[0-9a-fA-F]{1,2}(?:\s+|$))+")
 _PYMODBUS_PROCESSING = re.compile(rf"(?<![\w'\"])(?:Processing|Handling data):\s*(?P<bytes>{_HEX_BYTES})$")
 _PYMODBUS_OTHER = re.compile(
-    r"Processing:|Getting [Ff]rame|Frame (?:check|advanced|- \[)|[Rr]esetting (?:[Ff]rame|header)|"
+    r"Processing:|Getting [Ff]rame|Frame (?:check|advanced|- (?:\[|not ready))|[Rr]esetting (?:[Ff]rame|header)|"
     r"Current transaction state|Running transaction|[Tt]ransaction state|Factory Re|decoded PDU|"
     r"[Aa]dding transaction|[Gg]etting transaction|[Dd]elTransaction|Changing (?:transaction )?state|"
     r"Frame is not ready|Sending available data in recv|will sleep|Connect(?:ing|ed|ion)|-> transport|callback_|"
@@ -158,7 +158,7 @@ class _PymodbusLog:
             if before and len(data) > len(before) and data.startswith(before):
                 self.processed.pop()  # the same bytes, and more
             self.processed.append(LogEntry(number, data, False, False, stamp_in(line[: match.start()])))
-        elif not _PYMODBUS_OTHER.search(line):
+        elif not _PYMODBUS_OTHER.search(line) or "Unable to decode" in line:  # the program goes on behind its bytes
             return
         self.known.add(number)
 

@@ -215,6 +215,8 @@ _COLOURS = re.compile(r"(?:\x1b|#033|\^\[|\\u001b|\\e|\u241b)\[[0-9;]{0,20}[mK]"
 """What sets the colours of a terminal, also as rsyslog and editors show it."""
 _TIME_OF_DAY = re.compile(r"\s*[(\[]?\d{1,2}:\d{2}:\d")
 """Hours, minutes and seconds, as `parse_log` reads them: they begin again at midnight."""
+_HALF, _HALF_MAX = re.compile(r"\b((?:[0-9A-Fa-f]{2} ){3,})([0-9A-Fa-f])\s*$"), 1000
+"""Bytes of two digits each, and one digit behind them; in so many characters at the end of a text."""
 _ASCII = bytes(range(0x80))
 _BLANKS_MAX = 200
 _BLANKS = re.compile(rf"\s{{{_BLANKS_MAX},}}")
@@ -236,7 +238,7 @@ def read_modbus_log(
     if is_capture(data):
         return ModbusLog(tuple(read_segments(enumerate(read_packets(data), start=1), ports)), "capture", True)
     parts = RecordingSource.of(data).text_parts(_decode)
-    return _LogReader(ports, protocol).read_rest([_plain(line) for lines in parts for line in lines])
+    return _LogReader(ports, protocol).read_rest(_without_half([_plain(line) for lines in parts for line in lines]))
 
 
 def read_modbus_parts(
@@ -263,7 +265,7 @@ def read_modbus_parts(
             if log is not None:
                 yield log
     if waiting or reader.form is None:
-        yield reader.read_rest(waiting)
+        yield reader.read_rest(_without_half(waiting))
 
 
 def _plain(line: str) -> str:
@@ -617,6 +619,21 @@ class _LogReader:
         log = self._assembled("bytes", entries, left)
         self._is_prefixed = True
         return log
+
+
+def _without_half(lines: list[str]) -> list[str]:
+    """Return the lines of a text without the first digit of a byte, with which it ends: it is cut there.
+
+    >>> _without_half(["recv 01 03 04 00 1"]), _without_half(["recv 10 20 30 40 1"])
+    (['recv 01 03 04 00'], ['recv 10 20 30 40 1'])
+    """
+    last = next((place for place in range(len(lines) - 1, -1, -1) if lines[place].strip("` \t")), None)
+    half = None if last is None else _HALF.search(lines[last][-_HALF_MAX:])
+    if last is None or half is None or not re.search(r"[A-Fa-f]|\b0", half[1]):
+        return lines  # decimal numbers
+    if any(end == len(half[1]) // 3 + 1 for _, end in whole_frames(bytes.fromhex(f"{half[1]}0{half[2]}"))):
+        return lines
+    return [*lines[:last], lines[last].rstrip()[:-2]]
 
 
 def _once(entries: list[LogEntry]) -> list[LogEntry]:
