@@ -339,6 +339,12 @@ that a program printed twice counts twice, or a response in two pieces is not jo
 terminal taken for bytes, silences of stamps in whole seconds, and one side of a log whose other side was left out.
 What is missed are mostly messages of programs that are not known, relations of two frames, and an all-clear under a
 title that tells of trouble.
+
+After the judgement, with these threads in view, what a quotation cuts at its beginning or end is called that, a frame
+that is printed twice counts once, two parts of one response are joined, and stamps in whole seconds give no short
+silence. Frames of CAN in three more prints are read, and those of ISO-TP are no heartbeats. Sound frames under words
+of trouble are left undecided. Five more messages are known, of ioBroker, mbusd, `ip` and jsmodbus. Nobody has judged
+the answers of today.
 """
 _RECORDS = {"second": _AGAIN, "third": _THIRD, "fourth": _FOURTH, "fifth": _FIFTH, "sixth": _SIXTH}
 """The records of sets that were unseen when judged, and what the page says of each."""

@@ -312,7 +312,7 @@ def test_frames_of_iso_tp_are_no_heartbeats() -> None:
         # the end of a text: of a response that is due, of any frame, with half a byte, and of TCP
         (ASKED_TCP + "recv: 00 07 00 00\n", "the end of the last response, of unit 1: 4 of its 13 bytes"),
         (ASKED_TCP + "recv: 00 07 00 00 00 07 01 03 04 0\n", "of the last response, of unit 1: 9 of its 13 bytes"),
-        ("recv: 01 83 02 C0 F1\nsend: 01 0F 00 00 00 0", "the end of the last frame: 5 bytes of it are in the log, 01 0F 00 00 00"),
+        ("recv: 01 83 02 C0 F1\nsend: 01 0F 00 00 00 0", "the end of the last frame: 5 bytes of it are in the log"),
         # its beginning
         ("03 00 00 00 02 C4 0B\n01 03 04 00 17 00 07 0B F5\n", "the beginning of the first frame"),
         (
@@ -338,3 +338,24 @@ def test_in_whole_seconds_no_short_silence_is_known_and_each_finding_has_the_lin
     assert [finding[:6] for finding in shown[:3]] == ["line 1", "line 2", "line 3"]
     assert "0.000 s" not in "".join(shown)
     assert "nothing for about 2 s" in shown[2]
+
+
+@every_case(
+    ("text", "said"),
+    [
+        (
+            "send: 00 19 00 00 00 06 01 06 00 1F 00 01\nrecv: 00 19 00 00 00 06 00 00 00 00 00 00\nend\n",
+            "unit 0 answers with function 00, which is none of Modbus, and unit 1 was asked",
+        ),
+        ("TX: F8 04 00 00 00 01 25 A3\n", "request to unit 248 (248 to 255 are reserved), Read Input Registers"),
+        (
+            "12:00:01.5 send: 01 03 00 00 00 01 84 0A\n12:00:04.5 send: 02 03 00 00 00 02 C4 38\n"
+            "12:00:04.9 recv: 01 03 02 00 17 F8 4A\n12:00:05.0 send: 01 03 00 00 00 02 C4 0B\n"
+            "12:00:05.9 recv: 02 03 04 00 17 00 07 38 F5\nend\n",
+            "2 responses came behind the next request: the client waits shorter than they take",
+        ),
+    ],
+)
+def test_what_the_frames_say_of_each_other(text: str, said: str) -> None:
+    findings, verdicts = told(text)
+    assert said in "\n".join([*findings, verdicts])

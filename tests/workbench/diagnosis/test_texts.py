@@ -264,3 +264,34 @@ def test_no_cause_is_listed(text: str) -> None:
     assert "[no-bytes]: no frame is read in this text, so that no cause is proved; " in verdict.sentence
     for word in ("wires", "DE,", "termination", "parity", "baud", "another unit", "is off", "noise", "registers"):
         assert word not in verdict.sentence
+
+
+@every_case(
+    ("text", "said"),
+    [
+        ("received answer for wrong ID 11, expected 1", "an answer came from another unit than the program asked"),
+        ("25 Mar 2021 17:13:29 modbus tty: dropped 205 bytes", "the program discards bytes that it received"),
+        (
+            "can state BUS-OFF (berr-counter tx 248 rx 0) restart-ms 0",
+            'restart-ms 0" (line 1): after bus off the interface does not start again by itself',
+        ),
+        (
+            'Poll error: {"errorCode":131,"exceptionCode":229}',
+            "exception E5h to function 03, a code of the device or gateway itself: the standard has 01 to 0B",
+        ),
+    ],
+)
+def test_messages_of_programs_that_say_more_than_a_time_out(text: str, said: str) -> None:
+    verdict = verdict_without_bytes(text)
+    assert verdict is not None
+    assert said in verdict.sentence
+
+
+def test_what_the_text_holds_is_not_asked_for() -> None:
+    verdict = verdict_without_bytes("$ mbusd -d -v 9 -p /dev/ttyUSB0\nmodbus tty: dropped 205 bytes\n")
+    assert verdict is not None
+    assert "would tell more" not in verdict.sentence
+    verdict = verdict_without_bytes("can state BUS-OFF (berr-counter tx 248 rx 0) restart-ms 100")
+    assert verdict is not None
+    assert "candump" in verdict.sentence
+    assert "ip -details" not in verdict.sentence

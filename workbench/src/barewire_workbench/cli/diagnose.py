@@ -26,7 +26,14 @@ from barewire_workbench.cli.sources import (
 from barewire_workbench.diagnosis.can_log import CanLogDiagnosis
 from barewire_workbench.diagnosis.modbus_log import LiveDiagnosis, ModbusLogDiagnosis
 from barewire_workbench.diagnosis.modbus_noise import has_no_reading
-from barewire_workbench.diagnosis.texts import NO_WHOLE_FRAMES, PROSE, is_text, verdict_of_words, verdict_without_bytes
+from barewire_workbench.diagnosis.texts import (
+    NO_WHOLE_FRAMES,
+    PROSE,
+    is_text,
+    limited_to_the_frames,
+    verdict_of_words,
+    verdict_without_bytes,
+)
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.live.listen import listen_with
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
@@ -142,10 +149,12 @@ def _with_words(
     else it may be is left out where people wrote sentences: these say more than a list of causes."""
     if traffic.endpoint is not None or len(traffic.recording.start) >= _TEXT_MAX:
         return verdicts
-    if any(PROSE.search(item.text) for item in unread):
+    lines = [item.text for item in unread]
+    if any(map(PROSE.search, lines)):
         verdicts = [(name, verdict._replace(otherwise="")) for name, verdict in verdicts]
     text = traffic.recording.start.decode("utf-8", "replace")
     words = verdict_of_words(text, {verdict.code for _, verdict in verdicts})
+    verdicts = [(name, limited_to_the_frames(verdict, lines)) for name, verdict in verdicts]
     if words is None:
         return verdicts
     good = "nothing wrong in the bytes that are read"

@@ -225,6 +225,8 @@ def _exchange(
     if sent.unit != received.unit:
         refusal = explain_pdu(received.pdu, "response").summary if received.pdu[0] & EXCEPTION_BIT else ""
         said = f", with {refusal}" if refusal else ""
+        if not received.pdu[0]:
+            said = " with function 00, which is none of Modbus"
         yield wrong(f"unit {received.unit} answers{said}, and unit {sent.unit} was asked")
     if sent.pdu == received.pdu and _never_echoes(sent.pdu):
         text = "this is the request, not a response: the reader has read what it sent"

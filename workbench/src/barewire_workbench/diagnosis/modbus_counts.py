@@ -21,6 +21,8 @@ from barewire_workbench.diagnosis.verdict import LineVerdict, VerdictCode
 from barewire_workbench.frames.findings import DiagnosisCode
 from barewire_workbench.frames.result import counted
 
+LAST_UNIT = 247
+"""The last address of a device on a serial line."""
 _SHARE = 0.05
 """The least share of frames with the same fault that makes it one of the line."""
 _ALONE = 5
@@ -119,6 +121,9 @@ class LineCounts:
         text = f"{counted(self.frames, 'frame')}{'' if answered else ' read'}"
         if answered:
             text += f", {counted(answered, 'request')} answered by {counted(len(units), 'unit')}"
+        late = sum(unit.late for unit in self.units.values())
+        if late > 1:
+            text += f"; {late} responses came behind the next request: the client waits shorter than they take"
         for value, number in self.no_value.items():
             text += (
                 f"; {counted(number, 'response')} of {value} alone, which many devices send for a value not available"
@@ -222,6 +227,7 @@ class LineCounts:
         if dead and not answered and not self.bursts:
             requests = sum(unit.missing + unit.halves for unit in dead.values())
             evidence = f"{counted(requests, 'request')} to unit {', '.join(map(str, sorted(dead)))}, and no response"
+            evidence += "; 248 to 255 are reserved" * (self.serial and min(dead) > LAST_UNIT)
             return [LineVerdict("no-answers", "no unit answers", evidence, self._other("no-answers"))]
         verdicts = []
         for number, unit in dead.items():

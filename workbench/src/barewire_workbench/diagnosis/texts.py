@@ -10,7 +10,7 @@ Causes are not guessed. What a person writes, settings, titles, questions and co
 from __future__ import annotations
 
 import re
-from collections.abc import Collection
+from collections.abc import Collection, Iterable
 from itertools import chain
 from typing import NamedTuple
 
@@ -181,7 +181,7 @@ _STATED: tuple[tuple[str, str], ...] = (
     (r"[Uu]nable to decode", "an answer was not understood"),
     (
         r"(?i)(?:slave|unit|device) id '?\d+'? does not match|ask for (?:dev_)?id=|was expected but slave|"
-        r"not from requested slave",
+        r"not from requested slave|answer for wrong ID \d+, expected",
         _OTHER_UNIT,
     ),
     (
@@ -190,6 +190,11 @@ _STATED: tuple[tuple[str, str], ...] = (
     ),
     (r"ctx->slave != -1", "libmodbus has no unit to ask: it refuses those above 247 itself, and nothing was sent"),
     (r"Cleanup recv buffer before send", "bytes were in the buffer when the next request was sent"),
+    (r"\bdropped [1-9]\d* bytes\b", "the program discards bytes that it received"),
+    (
+        r"(?i)\bstate bus-off\b[^\n]{0,60}\brestart-ms 0\b",
+        "after bus off the interface does not start again by itself",
+    ),
     (r"NOT REQUESTED transaction", "an answer has a transaction number that no waiting request has"),
     (r"(?i)received (\w+)\W+calculated \1\b", _EQUAL),
     (
@@ -242,6 +247,11 @@ _FAILURE = re.compile(
 )
 """Words of people on a line or bus, and on a failure: a text with one of each is a message too."""
 _IS_DEBUG = re.compile(r"\b(?:DEBUG|TRACE)\b|\b[DV] \(\d+\) |\[(?:VV?|D)\]")
+_TROUBLE = re.compile(
+    r"(?i)\b(?:errors?|crash\w*|fail\w*|problems?|bugs?|wrong|broken|unavailable|unexpected|stuck|hangs?|drops?|lost|"
+    r"(?:not|n['’]t|cannot) (?:work|read|write|connect|respond)\w*)\b"
+)
+"""What a person says of trouble, in a title too."""
 PROSE = re.compile(r"(?:\b[A-Za-z']{2,}\b,? +){4}")
 """Words of a sentence: bytes beside them may be a part of a frame, or an example."""
 _NUMBER = re.compile(r"(?i)exception[ _]?(?:code)?[\"']?\s*[:=]?\s*[('\"]*(0x[0-9a-f]{1,2}|\d{1,2})\b(?!\d)(?!,)")
@@ -275,6 +285,7 @@ _NO_VALUE = re.compile(
     r"(?i)(?:\[|=|\b(?:values?|reads?|returns?|shows?|got|get|gives?|is|always)\b:?) ?(65535|32767|-?32768)\b(?![.,]\d)"
 )
 """A value that the text gives, and not a limit or a port."""
+_ERROR_CODES = re.compile(r"errorCode\W{1,4}(?P<function>\d{3})\W{1,4}exceptionCode\W{1,4}(?P<code>\d{1,3})\b")
 _TRANSACTIONS = re.compile(
     r"transaction[ _]id '?(\d+)'? does not match request '?(\d+)|ask for transaction_id=(\d+) but got id=(\d+)"
 )
@@ -327,8 +338,10 @@ def verdict_without_bytes(text: str) -> LineVerdict | None:
 def _more(text: str, stated: Collection[_Stated]) -> str:
     """Return how to get the bytes that would tell more; empty if the text shows that they are recorded already."""
     program, how = _program(text, stated)
-    if how == _CANDUMP and "candump" in text:
+    if how in text or (how == _CANDUMP and "candump" in text):
         return ""
+    if how == _CANDUMP and "berr-counter" in text:
+        how = _CANDUMP.partition(",")[0]  # the other command is there
     log = f"a log of {program}" if program else "a log"
     return f"; the bytes of an exchange that fails would tell more, in {log}: {how}"
 
@@ -349,6 +362,18 @@ def verdict_of_words(text: str, codes: Collection[str]) -> LineVerdict | None:
     is_fitting = any(known.what == _CHECKSUM for known in stated) and set(codes) <= {"nothing-wrong", "open", "refused"}
     fits = "; the checksums of the frames read here fit" if is_fitting else ""
     return LineVerdict("said", _ONLY_SAID, _said(stated) + fits)
+
+
+def limited_to_the_frames(verdict: LineVerdict, lines: Iterable[str]) -> LineVerdict:
+    """Return a verdict that all is good as one on the frames alone, if the text around them tells of trouble.
+
+    >>> limited_to_the_frames(LineVerdict("nothing-wrong", "nothing wrong", "2 frames"), ["Error reading"]).code
+    'not-seen'
+    """
+    is_told = any(_TROUBLE.search(line) and not _LOGGED.search(line) for line in lines)
+    if verdict.code != "nothing-wrong" or not is_told:
+        return verdict
+    return LineVerdict("not-seen", "the frames shown are sound, and the text tells of trouble", verdict.evidence)
 
 
 def _messages(text: str) -> str:
@@ -421,6 +446,11 @@ def _numbered(text: str) -> list[_Stated]:
         if number in range(1, 12):
             who = "a gateway answers for the device" if number in (10, 11) else "a device answers, and refuses"
             stated.append(_Stated.by(words, f"exception {number:02X} ({exception_name(number)}) of Modbus: {who}"))
+    for words in _ERROR_CODES.finditer(text):
+        function, code = int(words["function"]) & 0x7F, int(words["code"])
+        if code not in range(1, 12):
+            own = "a code of the device or gateway itself: the standard has 01 to 0B"
+            stated.append(_Stated.by(words, f"exception {code:02X}h to function {function:02X}, {own}"))
     aborts = {int(words[1], 16): words for words in _ABORT.finditer(text)}
     if not aborts and "bort" in text:
         named = ((code, re.search(f"(?i){re.escape(name)}", text)) for name, code in _ABORT_TEXTS.items())
