@@ -239,8 +239,12 @@ def test_a_log_of_modbus_and_one_of_can() -> None:
     assert any("boot-up" in line for line in found["lines"])
     sent = "10:00:00,100 DEBUG send: 0x1 0x3 0x0 0x0 0x0 0x2 0xc4 0xb\n"
     received = "10:00:00,200 DEBUG recv: 0x1 0x3 0x4 0x0 0x0 0x1 0x10 0xfa 0x6f\n"
-    found = ask("log", text=f"2026-03-01 {sent}2026-03-01 {sent}2026-03-01 {received}")
-    assert [line[:17] for line in (found["lines"][0], found["findings"][0])] == ["10:00:00.100000  "] * 2
+    again = sent.replace(",100", ",150")
+    found = ask("log", text=f"2026-03-01 {sent}2026-03-01 {again}2026-03-01 {received}")
+    assert [line[:17] for line in (found["lines"][0], found["findings"][0])] == [
+        "10:00:00.100000  ",
+        "10:00:00.150000  ",
+    ]
     assert ">10:00:00.100000<" in found["picture"]
     assert "time, s" not in found["picture"]
     lines = ask("log", text=f"2026-03-01 {sent}2026-03-02 {sent}")["lines"]

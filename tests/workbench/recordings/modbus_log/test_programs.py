@@ -176,3 +176,10 @@ def test_colours_of_a_terminal_are_no_bytes(colour: str) -> None:
 def test_a_line_with_two_times_holds_no_bytes() -> None:
     text = "Aug 24 08:39:23 host 2022-08-24 08:39:23.905 DEBUG Reading register 43006\nrecv: 0x1 0x83 0x2 0xc0 0xf1\n"
     assert read_modbus_log(text.encode()).items[0][2] != UNREADABLE
+
+
+def test_it_is_said_which_lines_were_printed_again() -> None:
+    line = "2026-03-01 10:00:00,045 DEBUG send: 0x1 0x3 0x0 0x0 0x0 0x1 0x84 0xa\n"
+    log = read_modbus_log((line * 3).encode())
+    assert (len(log.items), log.notes) == (1, ("line 2: the bytes of the line before, printed again: 2 lines",))
+    assert len(read_modbus_log((line + line.replace("03-01", "03-02")).encode()).items) == 2

@@ -441,8 +441,10 @@ class _LogReader:
             notes += content.notes
         names = [name for name in (*_OF_PACKETS, *FORMS, *_GENERAL) if name in owners.values()]
         before = [] if self._before is None else [self._before]
-        entries = _once([*before, *(by_place[place] for place in sorted(by_place))])[len(before) :]
-        return " and ".join(names), FormContent(entries, known, tuple(notes), unreadable)
+        entries, again = _once([*before, *(by_place[place] for place in sorted(by_place))])
+        if again:
+            notes.append((again[0].line, f"the bytes of the line before, printed again: {counted(len(again), 'line')}"))
+        return " and ".join(names), FormContent(entries[len(before) :], known, tuple(notes), unreadable)
 
     def _own_words(
         self, lines: list[str], short: list[str], states: dict[str, object] | None
@@ -636,16 +638,24 @@ def _without_half(lines: list[str]) -> list[str]:
     return [*lines[:last], lines[last].rstrip()[:-2]]
 
 
-def _once(entries: list[LogEntry]) -> list[LogEntry]:
-    """Return the entries without those that another logger of the program printed again, at the same time."""
-    kept = entries[:1]
+def _once(entries: list[LogEntry]) -> tuple[list[LogEntry], list[LogEntry]]:
+    """Return the entries, and apart from them those that another logger of the program printed again, at the same
+    time."""
+    kept, again = entries[:1], list[LogEntry]()
     for entry in entries[1:]:
-        last, data = kept[-1], entry.data or b""
-        is_same = (data, entry.sent) == (last.data, last.sent) and len(data) >= _SHORTEST and len({*data}) > 1
-        stamps = [stamp.seconds for stamp in (last.stamp, entry.stamp) if stamp is not None and stamp.seconds % 1]
-        if not is_same or entry.sent is None or len(stamps) < 2 or abs(stamps[1] - stamps[0]) > _AT_ONCE:
-            kept.append(entry)
-    return kept
+        (again if _is_again(kept[-1], entry) else kept).append(entry)
+    return kept, again
+
+
+def _is_again(last: LogEntry, entry: LogEntry) -> bool:
+    data, same = entry.data or b"", (entry.data, entry.sent, entry.connection)
+    if entry.sent is None or len(data) < _SHORTEST or len({*data}) == 1:
+        return False
+    if same != (last.data, last.sent, last.connection) or last.stamp is None or entry.stamp is None:
+        return False
+    seconds, before = entry.stamp.seconds, last.stamp.seconds
+    is_whole = seconds % 1 == before % 1 == 0  # so it is not known whether they are at the same time
+    return not is_whole and entry.stamp.day == last.stamp.day and abs(seconds - before) <= _AT_ONCE
 
 
 def _is_quoted(before: Posted, this: Posted) -> bool:
