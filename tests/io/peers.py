@@ -8,6 +8,7 @@ import threading
 from collections.abc import Callable, Iterator
 from typing import Any, TypeVar
 
+from barewire.errors import BarewireError
 from barewire.modbus import Table, Unit
 
 R = TypeVar("R")
@@ -83,10 +84,10 @@ def full(size: int = 300) -> dict[int, Unit]:
 
 def again(run: Callable[[str], list[R]]) -> list[R]:
     """The results of a battery that takes a time-out in seconds: short at first, because many cases wait for it, and
-    longer if anything failed, because the computer may have been busy."""
-    results: Any = []
-    for patience in ("0.25", "2", "8"):
-        results = run(patience)
-        if not any(result.failure for result in results):
-            break
-    return list(results)
+    longer if anything failed or was given up, because the computer may have been busy."""
+    for patience in ("0.25", "2"):
+        with contextlib.suppress(BarewireError):
+            results: Any = run(patience)
+            if not any(result.failure for result in results):
+                return list(results)
+    return run("8")

@@ -18,7 +18,7 @@ from barewire.devices.sim import simulator
 from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.async_client import AsyncCanopenClient
 from barewire.io.server.ascii_gateway import GATEWAY_CONNECTIONS, UNREAD_LIMIT, CanopenGateway, serve_gateway
-from tests.helpers import refused
+from tests.helpers import PATIENCE, refused
 
 
 @asynccontextmanager
@@ -28,7 +28,7 @@ async def gateway(name: str) -> AsyncIterator[tuple[CanopenGateway, AsyncCanopen
     machine = simulator("az3", 0.0, node=5)
     assert machine.canopen is not None
     with CanopenServer(url, device=machine.canopen):
-        async with AsyncCanopenClient(url) as client, await serve_gateway(client) as made:
+        async with AsyncCanopenClient(url, timeout=PATIENCE) as client, await serve_gateway(client) as made:
             yield made, client
 
 
