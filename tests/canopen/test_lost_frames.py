@@ -58,7 +58,7 @@ def configured(seed: int, retries: int) -> bool:
 @pytest.mark.parametrize("runs", part_or_whole(6, RUNS))
 def test_a_configuration_ends_right_although_frames_are_lost(runs: int) -> None:
     assert sum(configured(seed, retries=5) for seed in range(runs)) == runs
-    assert sum(configured(seed, retries=0) for seed in range(runs)) <= 2
+    assert sum(configured(seed, retries=0) for seed in range(15)) <= 2
 
 
 @pytest.mark.parametrize("place", [(0x6041, 0), (0x2001, 0)])  # expedited, and in segments

@@ -22,8 +22,8 @@ from tests.workbench.vendor.made import written
 
 pytestmark = [
     pytest.mark.needs("uml", "busybox", "cc", "candump", "ip"),
-    pytest.mark.proof,
-]  # half a minute of a kernel
+    pytest.mark.proof,  # half a minute of a kernel
+]
 TESTS = "tests/interop/canopen/test_canopen_exchanges.py"
 
 

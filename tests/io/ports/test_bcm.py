@@ -19,6 +19,7 @@ from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.bus_methods import KernelCycle
 from barewire.io.ports.can.bcm import BroadcastManager, NoBroadcastManager, delete_message, setup_message
 from tests.helpers import refused
+from tools import rooms
 
 HEAD = struct.Struct("@III4xqqqqII")
 ONE, TWO, OTHER = CanFrame.parse("205#0F00"), CanFrame.parse("205#1F00"), CanFrame.parse("206#01")
@@ -230,9 +231,8 @@ def test_a_kernel_without_can_bcm_is_told(monkeypatch: pytest.MonkeyPatch) -> No
 def test_only_cyclic_producers_import_the_broadcast_manager() -> None:
     home = Path(barewire.__file__).parent
     users = set()
-    texts = {file: file.read_text(encoding="utf-8") for file in home.rglob("*.py")}
-    for file, text in texts.items():
-        for node in ast.walk(ast.parse(text)) if "bcm" in text else ():
+    for file in home.rglob("*.py"):
+        for node in rooms.loading_nodes(file):
             if isinstance(node, ast.ImportFrom) and (node.module or "").endswith("ports.can.bcm"):
                 users.add(file.relative_to(home).as_posix())
     assert users == {"io/canopen/bus_methods.py"}

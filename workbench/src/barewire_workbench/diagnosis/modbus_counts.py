@@ -17,12 +17,11 @@ from collections.abc import Container
 from dataclasses import dataclass, field
 
 from barewire_workbench.diagnosis.can_log import PROVES
+from barewire_workbench.diagnosis.good import HIGHEST_UNIT
 from barewire_workbench.diagnosis.verdict import LineVerdict, VerdictCode
 from barewire_workbench.frames.findings import DiagnosisCode
 from barewire_workbench.frames.result import counted
 
-LAST_UNIT = 247
-"""The last address of a device on a serial line."""
 _SHARE = 0.05
 """The least share of frames with the same fault that makes it one of the line."""
 _ALONE = 5
@@ -227,7 +226,7 @@ class LineCounts:
         if dead and not answered and not self.bursts:
             requests = sum(unit.missing + unit.halves for unit in dead.values())
             evidence = f"{counted(requests, 'request')} to unit {', '.join(map(str, sorted(dead)))}, and no response"
-            evidence += "; 248 to 255 are reserved" * (self.serial and min(dead) > LAST_UNIT)
+            evidence += "; 248 to 255 are reserved" * (self.serial and min(dead) > HIGHEST_UNIT)
             return [LineVerdict("no-answers", "no unit answers", evidence, self._other("no-answers"))]
         verdicts = []
         for number, unit in dead.items():

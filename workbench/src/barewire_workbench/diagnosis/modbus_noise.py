@@ -36,6 +36,8 @@ _BESIDE = 0.02
 """Seconds from noise to the frame that it belongs to; USB adapters deliver bytes of one moment up to 16 ms apart."""
 _WITHIN = 0.005
 """Seconds between two chunks of one damaged frame; a response takes longer to come."""
+_LONGER = 4
+"""Bytes by which a response of TCP is longer: seven in front in place of the unit and a CRC."""
 _EXCEPTION = 5
 """Bytes of an exception on a serial line."""
 _WITHOUT, _OUTSIDE = " without a frame", " outside of a frame"
@@ -146,20 +148,30 @@ class LinePieces:
         return noise.from_client is False and size is not None and len(noise.data) + len(piece.data) <= size
 
     def _due(self, noise: Piece) -> int | None:
-        """Return the bytes of the response of RTU that noise begins; None if it begins none, or the request does not
-        tell."""
+        """Return the bytes of the response that noise begins; None if it begins none, or the request does not tell."""
+        if self.protocol == "tcp":
+            return self._due_of_tcp(noise)
         asked = self._asked.adu if self._asked is not None else None
-        if self.protocol == "tcp" and asked is not None and self._asked is not None:
-            head, size = self._asked.data[:4] + noise.data[4:6] + bytes((asked.unit,)), response_size(asked.pdu)
-            functions = (asked.pdu[0], asked.pdu[0] | EXCEPTION_BIT)
-            fits = any((head + bytes((function,))).startswith(noise.data[:8]) for function in functions)
-            size = PREFIX + int.from_bytes(noise.data[4:6], "big") if len(noise.data) > PREFIX else size and size + 4
-            return size if fits else None
         if self.protocol != "rtu" or asked is None or len(noise.data) < 2 or not self._begins_answer(noise):
             return None
         size = _EXCEPTION if noise.data[1] & EXCEPTION_BIT else response_size(asked.pdu)
         is_other = asked.pdu[0] in READS and noise.data[2:3] not in (b"", bytes(((size or 0) - _EXCEPTION & 0xFF,)))
         return None if is_other and size != _EXCEPTION else size
+
+    def _due_of_tcp(self, noise: Piece) -> int | None:
+        asked = self._asked
+        if asked is None or asked.adu is None:
+            return None
+        unit, (function, *_) = asked.adu.unit, asked.adu.pdu
+        heads = (
+            asked.data[:4] + noise.data[4:6] + bytes((unit, code)) for code in (function, function | EXCEPTION_BIT)
+        )
+        if not any(head.startswith(noise.data[: PREFIX + 2]) for head in heads):
+            return None
+        if len(noise.data) > PREFIX:  # its own length is there
+            return PREFIX + int.from_bytes(noise.data[4:PREFIX], "big")
+        size = response_size(asked.adu.pdu)
+        return None if size is None else size + _LONGER
 
     def _role(self, piece: Piece) -> FrameRole:
         """Return the role of a frame: its shape tells, or the frame before; the two of a single write are equal."""

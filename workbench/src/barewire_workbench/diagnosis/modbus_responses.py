@@ -20,7 +20,6 @@ from barewire.modbus.messages.registry import measure_request, measure_response
 from barewire.rtu.crc import crc16
 from barewire_workbench.diagnosis.exchange import shown_digits
 from barewire_workbench.diagnosis.good import HIGHEST_UNIT, good_body
-from barewire_workbench.diagnosis.modbus_counts import LAST_UNIT
 from barewire_workbench.diagnosis.modbus_pieces import Piece
 from barewire_workbench.frames.findings import Finding
 from barewire_workbench.frames.modbus import explain_pdu
@@ -246,7 +245,7 @@ class OneSide:
             self._shown = [f"{explain_pdu(frame.pdu, role).summary}: {more}"]
         elif len(self._shown) < _SIDE_SHOWN:
             what = "request to" if role == "request" else "response of"
-            reserved = " (248 to 255 are reserved)" if frame.unit > LAST_UNIT and frame.transaction is None else ""
+            reserved = " (248 to 255 are reserved)" if frame.unit > HIGHEST_UNIT and frame.transaction is None else ""
             self._shown.append(f"{what} unit {frame.unit}{reserved}, {explain_pdu(frame.pdu, role).summary}")
         return ", ".join(self._shown)
 

@@ -59,8 +59,27 @@ _COLUMNS = re.compile(
 
 def _plain(line: str) -> str:
     """Return a line without colours and marks of Markdown, with a time of day as candump writes it."""
-    plain = (_ANSI.sub("", line) if "\x1b" in line else line).replace("**", "").strip().strip("`")
+    plain = _uncoloured(line).replace("**", "").strip().strip("`")
+    if ":" not in plain:  # most lines: a recording has a million of them
+        return plain
     return _CLOCK.sub(lambda clock: f"(1970-01-01 {clock[1]}) {'' if clock[2] else 'can0 '}", plain, count=1)
+
+
+def _uncoloured(line: str) -> str:
+    return _ANSI.sub("", line) if "\x1b" in line else line
+
+
+def _frame_texts(text: str | Iterable[str]) -> Iterator[tuple[int, str, str]]:
+    """Yield the number and the text of each line that may hold a frame, and what is plain of each frame in it."""
+    for number, line in enumerate(split_lines(text), start=1):
+        uncoloured = _uncoloured(line)
+        if not uncoloured.strip() or uncoloured.startswith("\t") or uncoloured.lstrip().startswith("# "):
+            continue  # empty, the text of -e for the error frame above, a comment
+        plain = _plain(uncoloured)
+        if plain.find("(", 1) < 0:
+            yield number, line, plain
+        else:
+            yield from ((number, line, part) for part in _NEXT.split(plain))
 
 
 def log_line(at: float, bus: str, frame: AnyFrame) -> str:
@@ -249,27 +268,24 @@ def read_candump(text: str | Iterable[str], differences: bool | None = None) -> 
         differences = isinstance(text, str) and are_differences(text)
     times = _Times(differences)
     now = 0.0
-    for number, line in enumerate(split_lines(text), start=1):
-        if not line.strip() or line.startswith("\t") or line.lstrip().startswith("# "):
-            continue  # empty, the text of -e for the error frame above, a comment
-        for plain in _NEXT.split(_plain(line)):
-            if drops := _DROPS.match(plain):
-                yield Dropped(now, drops[2], int(drops[1]))
-                continue
-            try:
-                stamp = _TIME.match(plain)
-                now = times.read(stamp[1] if stamp else None)
-                rest = plain[stamp.end() :] if stamp else plain
-                bus, _, after = rest.partition(" ")
-                if "#" in after and (log := after.split()) and "#" in log[0]:
-                    yield Recorded(now, bus, parse_frame(log[0]), number, _SENT.get(log[-1]))
-                else:
-                    shown = _DIRECTION.match(rest)
-                    yield Recorded(now, *parse_columns(rest), number, shown and _SENT[shown[1][0]])
-            except DecodeError as error:
-                yield unread(now, number, error, line)
-            except ValueError:
-                yield unread(now, number, "the text in brackets is not a time", line)
+    for number, line, plain in _frame_texts(text):
+        if drops := _DROPS.match(plain):
+            yield Dropped(now, drops[2], int(drops[1]))
+            continue
+        try:
+            stamp = _TIME.match(plain)
+            now = times.read(stamp[1] if stamp else None)
+            rest = plain[stamp.end() :] if stamp else plain
+            bus, _, after = rest.partition(" ")
+            if "#" in after and (log := after.split()) and "#" in log[0]:
+                yield Recorded(now, bus, parse_frame(log[0]), number, _SENT.get(log[-1]))
+            else:
+                shown = _DIRECTION.match(rest)
+                yield Recorded(now, *parse_columns(rest), number, shown and _SENT[shown[1][0]])
+        except DecodeError as error:
+            yield unread(now, number, error, line)
+        except ValueError:
+            yield unread(now, number, "the text in brackets is not a time", line)
 
 
 _BUS = re.compile(r"(?i)[vsx]?l?can\d*|[a-z]+\d+")

@@ -193,8 +193,10 @@ _LONGEST_LINE = 20_000
 """Characters; no form looks into a longer line."""
 _GENERAL: dict[str, Callable[[list[str]], FormContent]] = {"blocks": read_blocks, "marked": read_marked}
 """Forms of many programs, for the lines that no other form has read."""
-_SHORTEST, _AT_ONCE = 4, 0.005
-"""Bytes of the shortest frame; seconds in which no program sends or receives the same one again."""
+_SHORTEST = 4
+"""Bytes of the shortest frame."""
+_AT_ONCE = 0.005
+"""Seconds in which no program sends or receives the same frame again."""
 _LINES_MAX = 20
 """The most lines of one frame."""
 UNREADABLE = "the bytes in this line cannot be read"
@@ -211,12 +213,16 @@ _LOOKS_LIKE_BYTES = re.compile(
 )
 _FRAME = re.compile(r"FRAME=[^;]*")
 """The field of a frame in `DATE=...;FRAME=01-03-...;SLAVE=1;`, as monitors write it."""
-_COLOURS = re.compile(r"(?:\x1b|#033|\^\[|\\u001b|\\e|\u241b)\[[0-9;]{0,20}[mK]")
-"""What sets the colours of a terminal, also as rsyslog and editors show it."""
+_ESCAPES = ("\x1b", "#033", "^[", "\\u001b", "\\e", "\u241b")
+"""The character that begins a colour of a terminal, also as rsyslog and editors show it."""
+_COLOURS = re.compile(rf"(?:{'|'.join(map(re.escape, _ESCAPES))})\[[0-9;]{{0,20}}[mK]")
+"""What sets the colours of a terminal."""
 _TIME_OF_DAY = re.compile(r"\s*[(\[]?\d{1,2}:\d{2}:\d")
 """Hours, minutes and seconds, as `parse_log` reads them: they begin again at midnight."""
-_HALF, _HALF_MAX = re.compile(r"\b((?:[0-9A-Fa-f]{2} ){3,})([0-9A-Fa-f])\s*$"), 1000
-"""Bytes of two digits each, and one digit behind them; in so many characters at the end of a text."""
+_HALF = re.compile(r"\b((?:[0-9A-Fa-f]{2} ){3,})([0-9A-Fa-f])\s*$")
+"""Bytes of two digits each, and one digit behind them."""
+_HALF_MAX = 1000
+"""Characters at the end of a text in which they are looked for."""
 _ASCII = bytes(range(0x80))
 _BLANKS_MAX = 200
 _BLANKS = re.compile(rf"\s{{{_BLANKS_MAX},}}")
@@ -270,7 +276,7 @@ def read_modbus_parts(
 
 def _plain(line: str) -> str:
     """Return a line without colours, and without the text of a comment."""
-    if "[" in line:
+    if "[" in line and any(escape in line for escape in _ESCAPES):
         line = _COLOURS.sub("", line)
     return "" if line.lstrip().startswith("#") else line
 
@@ -648,10 +654,12 @@ def _once(entries: list[LogEntry]) -> tuple[list[LogEntry], list[LogEntry]]:
 
 
 def _is_again(last: LogEntry, entry: LogEntry) -> bool:
-    data, same = entry.data or b"", (entry.data, entry.sent, entry.connection)
-    if entry.sent is None or len(data) < _SHORTEST or len({*data}) == 1:
+    data = entry.data
+    if data != last.data or entry.sent is not last.sent or entry.connection != last.connection:
         return False
-    if same != (last.data, last.sent, last.connection) or last.stamp is None or entry.stamp is None:
+    if entry.sent is None or not data or len(data) < _SHORTEST or len({*data}) == 1:
+        return False
+    if last.stamp is None or entry.stamp is None:
         return False
     seconds, before = entry.stamp.seconds, last.stamp.seconds
     is_whole = seconds % 1 == before % 1 == 0  # so it is not known whether they are at the same time
