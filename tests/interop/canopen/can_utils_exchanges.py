@@ -17,7 +17,7 @@ from barewire.canopen import CanFrame, NmtCommand, NmtState, download, send_nmt
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.socketcan import SocketCanPort
 from tests.helpers import BAREWIRE
-from tests.interop.canopen.can_bench import ADDRESS, NODE, Bench
+from tests.interop.canopen.can_bench import ADDRESS, NODE, PATIENCE, Bench
 from tests.interop.canopen.canopen_exchanges import exchange
 from tests.interop.canopen.guest import ROOT
 
@@ -188,7 +188,7 @@ def their_master_uses_a_device_in_another_process(bench: Bench) -> None:
         bench.listen(_Texts(), lambda text: text == f"{0x700 + NODE:03X}#00")
         assert node.sdo.upload(0x1017, 0) == (1000).to_bytes(2, "little")
         # Ours last: their client would take an answer to another client for the answer to its next request.
-        bench.run(download(NODE, 0x1017, 0, (50).to_bytes(2, "little")))
+        bench.run(download(NODE, 0x1017, 0, (50).to_bytes(2, "little"), timeout=PATIENCE))
         assert [message.state for message in bench.run(send_nmt(NmtCommand.START, NODE))] == [NmtState.OPERATIONAL]
 
 

@@ -50,9 +50,8 @@ def our_master_moves_long_values(bench: Bench) -> None:
     for length in LENGTHS:
         for block in (False, True):
             value = counting(length)[:: -1 if block else 1]
-            # After the refusal of a block download the channel is quiet for two time-outs.
-            timeout = 1.0 if block else PATIENCE
-            bench.run(download(channel, 0x2100, 0, value, block=block, timeout=timeout))
+            # After the refusal of a block download a channel is quiet for two time-outs: another one need not wait.
+            bench.run(download(Channel(NODE), 0x2100, 0, value, block=block, timeout=PATIENCE))
             assert bench.run(upload(channel, 0x2100, block=block, timeout=PATIENCE)) == value
 
 
@@ -60,15 +59,15 @@ def our_master_moves_long_values(bench: Bench) -> None:
 def our_master_gets_their_aborts(bench: Bench) -> None:
     bench.local()
     with pytest.raises(SdoAbort, match="0602 0000h object does not exist"):
-        bench.run(upload(NODE, 0x3000))
+        bench.run(upload(NODE, 0x3000, timeout=PATIENCE))
     with pytest.raises(SdoAbort, match="0607 0010h"):
-        bench.run(download(NODE, 0x2001, 0, b"\1\2"))
+        bench.run(download(NODE, 0x2001, 0, b"\1\2", timeout=PATIENCE))
 
 
 @exchange("master", "NMT command", "heartbeat")
 def our_master_commands_their_node(bench: Bench) -> None:
     local = bench.local()
-    bench.run(download(NODE, 0x1017, 0, (50).to_bytes(2, "little")))
+    bench.run(download(NODE, 0x1017, 0, (50).to_bytes(2, "little"), timeout=PATIENCE))
     for command, name in ((NmtCommand.START, "OPERATIONAL"), (NmtCommand.STOP, "STOPPED"),
                           (NmtCommand.ENTER_PRE_OPERATIONAL, "PRE-OPERATIONAL")):  # fmt: skip
         bench.run(send_nmt(command, NODE))
@@ -157,10 +156,12 @@ def our_master_sends_their_node_an_rpdo(bench: Bench) -> None:
 @exchange("master", "PDO mapping", "SDO expedited download")
 def our_master_configures_their_pdos(bench: Bench) -> None:
     local = bench.local()
-    assert bench.run(read_pdo(NODE, "TPDO", 1)) == PdoConfig("TPDO", 1, TPDO_MAPPING, type=1, cob_id=0x185)
+    assert bench.run(read_pdo(NODE, "TPDO", 1, timeout=PATIENCE)) == PdoConfig(
+        "TPDO", 1, TPDO_MAPPING, type=1, cob_id=0x185
+    )
     wanted = PdoConfig("TPDO", 1, (0x60FF0020, 0x20010008), type=3, cob_id=0x185)
-    bench.run(write_pdo(NODE, wanted))
-    assert bench.run(read_pdo(NODE, "TPDO", 1)) == wanted
+    bench.run(write_pdo(NODE, wanted, timeout=PATIENCE))
+    assert bench.run(read_pdo(NODE, "TPDO", 1, timeout=PATIENCE)) == wanted
     local.tpdo.read()
     assert [mapped.name for mapped in local.tpdo[1]] == ["target velocity", "percent"]
     assert (local.tpdo[1].enabled, local.tpdo[1].trans_type) == (True, 3)
