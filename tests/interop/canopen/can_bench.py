@@ -166,7 +166,7 @@ class Bench:
         """Return our device as a remote node of the other library."""
         node = canopen.RemoteNode(NODE, dictionary_of_theirs() if objects is None else objects)
         self.network.add_node(node)
-        node.sdo.RESPONSE_TIMEOUT = 2.0
+        node.sdo.RESPONSE_TIMEOUT = PATIENCE
         return node
 
     def local(self) -> Any:

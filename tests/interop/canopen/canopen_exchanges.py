@@ -20,7 +20,7 @@ import pytest
 from barewire.canopen import (
     NmtState,
 )
-from tests.interop.canopen.can_bench import ADDRESS, NODE, Bench
+from tests.interop.canopen.can_bench import ADDRESS, NODE, PATIENCE, Bench
 
 LENGTHS = (5, 7, 8, 100, 889, 1000)
 VALUES = (
@@ -240,7 +240,7 @@ def their_master_gives_our_device_a_node_id(bench: Bench) -> None:
     running = bench.start_device(None)
     node = bench.remote()
     lss = bench.network.lss
-    lss.RESPONSE_TIMEOUT = 2.0
+    lss.RESPONSE_TIMEOUT = PATIENCE
     lss.send_switch_state_global(lss.CONFIGURATION_STATE)
     assert [lss.inquire_lss_address(service) for service in (0x5A, 0x5B, 0x5C, 0x5D)] == list(ADDRESS)
     assert lss.inquire_node_id() == 0xFF
@@ -259,7 +259,7 @@ def their_master_gives_our_device_a_node_id(bench: Bench) -> None:
 def their_master_selects_and_identifies_our_device(bench: Bench) -> None:
     bench.start_device()
     lss = bench.network.lss
-    lss.RESPONSE_TIMEOUT = 2.0
+    lss.RESPONSE_TIMEOUT = PATIENCE
     vendor, product, revision, serial = ADDRESS
     lss.send_identify_remote_slave(vendor, product, 0, revision, serial, 0xFFFF_FFFF)
     bench.wait(lambda: any(frame.data[:1] == b"\x4f" for frame in bench.seen))  # the method does not return the answer
@@ -271,7 +271,7 @@ def their_master_selects_and_identifies_our_device(bench: Bench) -> None:
 def their_master_finds_our_device_by_fastscan(bench: Bench) -> None:
     bench.start_device(None)
     lss = bench.network.lss
-    lss.RESPONSE_TIMEOUT = 2.0
+    lss.RESPONSE_TIMEOUT = PATIENCE
     lss.send_identify_non_configured_remote_slave()
     bench.wait(lambda: not lss.responses.empty())  # else the scan takes that answer for its first one
     found = None
