@@ -207,7 +207,7 @@ def _unanswered(words: tuple[str, ...]) -> str:
     terminal = PseudoTerminal()
     try:
         command, *rest = words
-        done = run_command(command, f"rtu://{terminal.path}?timeout=0.5", *rest)
+        done = run_command(command, f"rtu://{terminal.path}?timeout=1.5", *rest)
     finally:
         terminal.close()
     assert done.returncode == 1
@@ -220,22 +220,22 @@ def test_a_command_without_a_response_states_all_that_it_waited_for_and_can_wait
     every = [(*words, *option) for words in (read, write, drive, watch) for option in ((), ("--no-wait",))]
     with ThreadPoolExecutor(len(every)) as pool:
         error = dict(zip(every, pool.map(_unanswered, every)))
-    within = "unit 1 did not answer Read Input Registers within 0.5 s; while reading Status"
-    waited = r"waited [01]\.\d s more for a late response"
+    within = "unit 1 did not answer Read Input Registers within 1.5 s; while reading Status"
+    waited = r"waited [0-3]\.\d s more for a late response"
     assert re.fullmatch(
         rf"barewire: {within}; {waited}, which the next command could take for its own \(--no-wait: do not wait\)\n",
         error[read],
     )
     assert error[*read, "--no-wait"] == f"barewire: {within}\n"
     for words in (write, drive):
-        assert re.fullmatch(rf"barewire: .* within 0\.5 s.*; {waited}, which .*\n", error[words])
-        assert re.fullmatch(r"barewire: .* within 0\.5 s.*\n", error[*words, "--no-wait"])
+        assert re.fullmatch(rf"barewire: .* within 1\.5 s.*; {waited}, which .*\n", error[words])
+        assert re.fullmatch(r"barewire: .* within 1\.5 s.*\n", error[*words, "--no-wait"])
         assert "waited" not in error[*words, "--no-wait"]
     assert re.match(f"barewire: {waited}, which ", error[watch])
     assert error[*watch, "--no-wait"] == ""
     # On TCP a late response is recognized by its number: there is nothing to wait for.
     with socket.create_server(("127.0.0.1", 0)) as silent:
-        tcp = error_of("read", f"tcp://127.0.0.1:{silent.getsockname()[1]}?timeout=0.5", "adxl", "Status")
+        tcp = error_of("read", f"tcp://127.0.0.1:{silent.getsockname()[1]}?timeout=1.5", "adxl", "Status")
         assert tcp == f"barewire: {within}\n"
 
 

@@ -103,7 +103,8 @@ def test_a_drive_without_high_voltage_reports_that_on_both_its_wires() -> None:
         CanopenServer(bus, device=machine.canopen) as can,
     ):
         for url in (serial.url, can.url):
-            done = run_here("drive", url, "az3", "enable", "--timeout", "0.3")
+            patient = f"{url}{'&' if '?' in url else '?'}timeout=20"
+            done = run_here("drive", patient, "az3", "enable", "--timeout", "0.3")
             assert done.returncode == 1
             assert "enable: stuck in 'ready to switch on' after 0.3 s" in done.stderr
             assert "no high voltage, bit 4 (voltage enabled) is off" in done.stderr
