@@ -240,5 +240,14 @@ def test_a_log_of_good_frames_with_a_message_of_a_failure_is_not_called_good_as_
     log = tmp_path / "said.txt"
     log.write_text(f"ERROR connection reset by peer\nTx: {READ.hex(' ')}\nRx: {VALUES.hex(' ')}\n")
     lines = run_here("diagnose", str(log)).stdout.splitlines()
-    assert lines[0].startswith("verdict: nothing wrong in the bytes that are read [nothing-wrong]: 2 frames")
+    assert lines[0].startswith(
+        "verdict: undecided: the frames shown are sound, and the text tells of more [not-seen]: 2 frames"
+    )
     assert "the other side reset the TCP connection" in lines[1]
+
+
+def test_the_whole_of_a_long_title_limits_what_sound_frames_prove(tmp_path: Path) -> None:
+    log = tmp_path / "posted.txt"
+    title = "With two integrations at one converter, each of them with its own poll interval, one of them is crashing"
+    log.write_text(f"{title}\nTx: {READ.hex(' ')}\nRx: {VALUES.hex(' ')}\n")
+    assert "[not-seen]" in run_here("diagnose", str(log)).stdout

@@ -4,7 +4,8 @@ from __future__ import annotations
 
 import pytest
 
-from barewire_workbench.diagnosis.texts import verdict_of_words, verdict_without_bytes
+from barewire_workbench.diagnosis.texts import limited_to_the_frames, verdict_of_words, verdict_without_bytes
+from barewire_workbench.diagnosis.verdict import LineVerdict
 from tests.helpers import every_case
 
 
@@ -137,7 +138,7 @@ def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() ->
         ("mbpoll: slave address out of range (800)", "unit 800 is asked, which is none"),
         (
             "Data length error, expected 261 got 5",
-            '5 bytes came where 261 were expected: the length of a refusal; "length error, expected 261 got 5"',
+            '5 bytes came where 261 were expected: the length of a refusal; "expected 261 got 5"',
         ),
         ("sdo request: no response", "no answer came in time [no-bytes]: no frame is read in this text"),
         ("Result: EX_ILLEGAL_ADDRESS", "exception 02 (illegal data address)"),
@@ -295,3 +296,70 @@ def test_what_the_text_holds_is_not_asked_for() -> None:
     assert verdict is not None
     assert "candump" in verdict.sentence
     assert "ip -details" not in verdict.sentence
+
+
+@every_case(
+    ("text", "states"),
+    [
+        ("Modbus error: expected 7 bytes, got 5", "5 bytes came where 7 were expected: the length of a refusal"),
+        ("packet byte count does not match bytes in packet! count: 4, actual: 3", "another length than the program"),
+        ("AssertionError: modbus response length expected:<9> but was:<8>", "another length than the program expected"),
+        ("modbus: got 12 bytes instead of 13", "than the program expected: 12, not 13"),
+        ("modbus warning: received response from slave 3, expected 1", "another unit than the program asked: 3, not 1"),
+        ("ERROR: request ask for id=1 but got id=127, Skipping.", "another unit than the program asked: 127, not 1"),
+        ("modbus: unexpected function code: expected 3, received 131", "another function than the program asked: 131"),
+        ("Modbus checksum error: calculated 0xA1B2, received 0x0000", "a checksum did not fit: 0x0000, not 0xA1B2"),
+        (
+            'CANopen: cocomm "4 r 0x1001 0"\n[0] 11\n',
+            "1001h of node 4 is read as 11h; 01h is generic error; 10h is communicat",
+        ),
+        ("The node reports a CAN error after the RPDO timeout", "a PDO did not come in the time that its consumer"),
+    ],
+)
+def test_two_numbers_of_a_message_say_what_was_expected_and_what_came(text: str, states: str) -> None:
+    verdict = verdict_without_bytes(text)
+    assert verdict is not None
+    assert states in verdict.sentence
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "modbus error: retry 3 of 5, got 2 answers",
+        "modbus fails: expected 4 and got 4",
+        "modbus fails at step 3 but was 2",
+    ],
+)
+def test_other_numbers_are_no_mismatch(text: str) -> None:
+    verdict = verdict_without_bytes(text)
+    assert verdict is not None
+    assert "not 4" not in verdict.sentence
+    assert "not 3" not in verdict.sentence
+
+
+@pytest.mark.parametrize(
+    ("data", "says"),
+    [
+        ("b0 26 00 00 00 07 03 03 04 ff ff f4", "length is 7, and 6 bytes follow; the byte count is 4, and 3 follow"),
+        ("00 07 00 00 00 06 01 03 00 6b 00", "is the beginning of a request, 1 byte is to come: the length is 6"),
+    ],
+)
+def test_a_frame_of_tcp_that_is_short_of_its_length_is_told(data: str, says: str) -> None:
+    verdict = verdict_without_bytes(f"Exception: cannot read this response, it is `{data}`")
+    assert verdict is not None
+    assert verdict.code == "not-seen"
+    assert says in verdict.sentence
+
+
+@pytest.mark.parametrize(
+    "title",
+    [
+        "When we have two clients, from time to time the machine behind the converter is crashing",
+        "Die Verbindung zum Zähler im Keller geht seit der letzten Version leider gar nicht mehr",
+        "Can't set a value of the inverter",
+    ],
+)
+def test_sound_frames_below_a_title_of_trouble_are_not_all(title: str) -> None:
+    good = LineVerdict("nothing-wrong", "nothing wrong", "2 frames")
+    assert limited_to_the_frames(good, [title], None).code == "not-seen"
+    assert limited_to_the_frames(good, ["My meter of the type SDM120"], None) == good

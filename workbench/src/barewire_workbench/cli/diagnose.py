@@ -149,20 +149,14 @@ def _with_words(
     else it may be is left out where people wrote sentences: these say more than a list of causes."""
     if traffic.endpoint is not None or len(traffic.recording.start) >= _TEXT_MAX:
         return verdicts
-    lines = [item.text for item in unread]
+    text = traffic.recording.start.decode("utf-8", "replace")
+    whole = ["", *text.splitlines()]  # an unread line is kept in part
+    lines = [whole[item.line] if item.line < len(whole) else item.text for item in unread]
     if any(map(PROSE.search, lines)):
         verdicts = [(name, verdict._replace(otherwise="")) for name, verdict in verdicts]
-    text = traffic.recording.start.decode("utf-8", "replace")
     words = verdict_of_words(text, {verdict.code for _, verdict in verdicts})
-    verdicts = [(name, limited_to_the_frames(verdict, lines)) for name, verdict in verdicts]
-    if words is None:
-        return verdicts
-    good = "nothing wrong in the bytes that are read"
-    told = [
-        (name, verdict._replace(text=good) if verdict.code == "nothing-wrong" else verdict)
-        for name, verdict in verdicts
-    ]
-    return [*told, ("", words)]
+    verdicts = [(name, limited_to_the_frames(verdict, lines, words)) for name, verdict in verdicts]
+    return verdicts if words is None else [*verdicts, ("", words)]
 
 
 # Modbus

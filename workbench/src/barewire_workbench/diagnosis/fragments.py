@@ -15,6 +15,7 @@ from collections.abc import Iterator
 from barewire.canopen.abort_codes import AbortCode
 from barewire.codecs import ORDERS, Number
 from barewire_workbench.diagnosis.exchange import is_plausible, shown_digits
+from barewire_workbench.diagnosis.tcp import diagnose_tcp
 from barewire_workbench.frames.can import explain_sdo
 from barewire_workbench.frames.result import FrameRole
 from barewire_workbench.recordings.modbus_log.marked import frame_pdu
@@ -28,6 +29,10 @@ _REQUESTS, _ANSWERS = (
 _ABORT = 0x80
 _INDEX = range(0x10, 0xC0)
 """The high bytes of the indexes of a dictionary."""
+_COUNTED = (1, 2, 3, 4)
+"""Functions whose response has its byte count behind them."""
+_VALUES = 9
+"""Where the values begin in such a response of TCP."""
 _FLOAT = 4
 _NUMBER = re.compile(r"(?<![\w.:-])-?\d{1,9}\.\d{1,9}(?![\w.:])")
 _IS_FLOAT = re.compile(r"(?i)float|\bf32\b|\breal\b")
@@ -54,7 +59,18 @@ def readings_of(text: str, pieces: list[bytes]) -> list[str]:
     >>> readings_of("it is 77.5146", [bytes.fromhex("077A429B")])[0].partition(": ")[2]
     'CDAB 77.5146; ABCD 1.88275e-34 (77.5146 is in the text)'
     """
-    return [*_sdo(pieces), *floats_of(text, pieces)]
+    return [*_sdo(pieces), *_tcp(pieces), *floats_of(text, pieces)]
+
+
+def _tcp(pieces: list[bytes]) -> Iterator[str]:
+    """Yield the frames of TCP that end too early, by the length in their header; the byte count agrees if there is
+    one."""
+    for data in pieces:
+        for cut in diagnose_tcp(data):
+            if cut.code == "cut-frame" and data[2:4] == b"\0\0":
+                is_counted = len(data) > _VALUES and data[7] in _COUNTED and "response" in cut.text
+                count = f"; the byte count is {data[8]}, and {len(data) - _VALUES} follow" if is_counted else ""
+                yield f"{shown_digits(data)} of Modbus TCP is {cut.text}: {cut.proof}{count}"
 
 
 def _sdo(pieces: list[bytes]) -> Iterator[str]:

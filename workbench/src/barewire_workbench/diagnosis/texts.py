@@ -10,7 +10,7 @@ Causes are not guessed. What a person writes, settings, titles, questions and co
 from __future__ import annotations
 
 import re
-from collections.abc import Collection, Iterable
+from collections.abc import Collection, Iterable, Iterator
 from itertools import chain
 from typing import NamedTuple
 
@@ -174,20 +174,19 @@ _STATED: tuple[tuple[str, str], ...] = (
         _CHECKSUM,
     ),
     (
-        r"(?i)length error|WRONG_BYTES|unexpected byte count|(?:response|data) length is invalid|"
-        r"count does not match|expected \d+ (?:bytes )?(?:but )?got \d+",
+        r"(?i)length error|WRONG_BYTES|unexpected byte count|(?:response|data) length is invalid|count does not match",
         _LENGTH,
     ),
     (r"[Uu]nable to decode", "an answer was not understood"),
     (
-        r"(?i)(?:slave|unit|device) id '?\d+'? does not match|ask for (?:dev_)?id=|was expected but slave|"
-        r"not from requested slave|answer for wrong ID \d+, expected",
+        r"(?i)(?:slave|unit|device) id '?\d+'? does not match|was expected but slave|not from requested slave",
         _OTHER_UNIT,
     ),
     (
         r"(?i)\b(?:uart|rx) (?:parity|framing|frame) err\w*|\b(?:rx|uart) break\b",
         "the UART reports an error of parity or framing, or a break",
     ),
+    (r"(?i)\bR?PDO[-_ ]?time[-_ ]?out", "a PDO did not come in the time that its consumer is set to"),
     (r"ctx->slave != -1", "libmodbus has no unit to ask: it refuses those above 247 itself, and nothing was sent"),
     (r"Cleanup recv buffer before send", "bytes were in the buffer when the next request was sent"),
     (r"\bdropped [1-9]\d* bytes\b", "the program discards bytes that it received"),
@@ -203,7 +202,7 @@ _STATED: tuple[tuple[str, str], ...] = (
         _SILENT,
     ),
     (
-        r"(?i)(?<![\w.])(?<!\bthe )(?<!\bno )(?<!enable )timed?[-_ ]?out(?:error)?\b"
+        r"(?i)(?<![\w.])(?<!\bthe )(?<!\bno )(?<!PDO )(?<!enable )timed?[-_ ]?out(?:error)?\b"
         r"(?!\W{0,2}[=:(]\W*\d| ?(?:setting|of |to |\d)| (?:\w+ )?not\b)|ETIMEDOUT|"
         r"_TIMEOUT\b|TransactionTimedOut",
         _TIME_OUT,
@@ -248,8 +247,11 @@ _FAILURE = re.compile(
 """Words of people on a line or bus, and on a failure: a text with one of each is a message too."""
 _IS_DEBUG = re.compile(r"\b(?:DEBUG|TRACE)\b|\b[DV] \(\d+\) |\[(?:VV?|D)\]")
 _TROUBLE = re.compile(
-    r"(?i)\b(?:errors?|crash\w*|fail\w*|problems?|bugs?|wrong|broken|unavailable|unexpected|stuck|hangs?|drops?|lost|"
-    r"(?:not|n['’]t|cannot) (?:work|read|write|connect|respond)\w*)\b"
+    r"(?i)\b(?:errors?|crash\w*|fail\w*|problems?|issues?|bugs?|wrong|incorrect\w*|invalid|broken|corrupt\w*|garbage|"
+    r"unavailable|unexpected|unable|stuck|hang(?:s|ing)?|freez\w+|drops?|lost|los(?:es?|ing)|missing|missed|"
+    r"disconnect\w*|stop(?:s|ped)|time[sd]?[- ]?outs?|exceptions?|no (?:\w+ )?(?:response|reply|answer|data|values?)|"
+    r"cannot|(?:ca|do|does|did|is|was|could|wo)n['’]?t|(?:do|does|did|is|was|could) not|never|"
+    r"fehler\w*|probleme?|falsche?\w*|nicht|keine?\w?)\b"
 )
 """What a person says of trouble, in a title too."""
 PROSE = re.compile(r"(?:\b[A-Za-z']{2,}\b,? +){4}")
@@ -275,10 +277,35 @@ _ABORT = re.compile(r"\b(?:0x|(?<=\())(0[568][0-9A-Fa-f]{6})\b")
 _ABORT_TEXTS = {code.text.partition(",")[0].lower(): code for code in AbortCode if len(code.text) > _LONG}
 _EMERGENCY = re.compile(r"(?i)\b(?:emcy|emergency)\b.{0,80}?\b(?:0x)?([0-9a-f]{4})h?\b")
 _UNIT = re.compile(r"(?i)(?:(?:slave|unit|server)(?: address| id)? out of range \(|-- Polling slave )(\d{3,})\b")
-_LENGTHS = re.compile(
-    r"(?i)(?:length|bytes?|size|short|long)\b.{0,40}?expected (\d+),? (?:but )?(?:got|received) (\d+)|"
-    r"expected (\d+) bytes,? (?:but )?(?:got|received) (\d+)"
+_SAID = r"\b(?:0x[0-9a-f]{1,8}|\d[0-9a-f]{0,7}|[a-f][0-9a-f]{0,6}\d[0-9a-f]{0,6})\b"
+_WANTED = (
+    rf"\b(?:expect\w*|should (?:be|have)|instead of|ask(?:ed)?(?: for)?|calculated|computed|count)\b"
+    rf"[^\d\n]{{0,24}}?({_SAID})"
 )
+_CAME = rf"\b(?:got|received|actual(?:ly)?|found|returned|was|but)\b[^\d\n]{{0,24}}?({_SAID})"
+_MISMATCH = re.compile(rf"(?i){_WANTED}[^\d\n]{{0,24}}?{_CAME}|{_CAME}[^\d\n]{{0,24}}?{_WANTED}")
+"""Two numbers of which a message says that one was expected, and the other came: `expected 7 bytes, got 5`."""
+_OF_MISMATCH = (
+    (re.compile(r"(?i)\bcrc|\blrc|checksum"), _CHECKSUM),
+    (re.compile(r"(?i)function"), "an answer has another function than the program asked"),
+    (re.compile(r"(?i)byte|length|\bsize|short|\blong\b|count|registers"), _LENGTH),
+    (re.compile(r"(?i)slave|\bunit|device|dev_id|\bid\b"), _OTHER_UNIT),
+)
+"""Words of what differs, and what it means."""
+_BEFORE = 40
+"""Characters before two numbers in which the word stands."""
+_ERROR_REGISTER = re.compile(r"\b(\d{1,3}) r(?:ead)? 0x1001 (?:0x)?0\b[^\n]*\n\s*\[\d+\] (?:0x)?([0-9A-Fa-f]{2})\b")
+_REGISTER_BITS = (
+    "generic error",
+    "current",
+    "voltage",
+    "temperature",
+    "communication",
+    "device profile",
+    "reserved",
+    "manufacturer",
+)
+"""The bits of the error register [CiA 301 7.5.2.2]."""
 _QUEUE = re.compile(r"\bqlen (\d+)\b")
 _LAST_UNIT = 247
 _NO_VALUE = re.compile(
@@ -364,16 +391,17 @@ def verdict_of_words(text: str, codes: Collection[str]) -> LineVerdict | None:
     return LineVerdict("said", _ONLY_SAID, _said(stated) + fits)
 
 
-def limited_to_the_frames(verdict: LineVerdict, lines: Iterable[str]) -> LineVerdict:
-    """Return a verdict that all is good as one on the frames alone, if the text around them tells of trouble.
+def limited_to_the_frames(verdict: LineVerdict, lines: Iterable[str], words: LineVerdict | None) -> LineVerdict:
+    """Return a verdict that all is good as one on the frames alone, if the text around them tells of trouble: a title,
+    or `words`, the verdict on its messages.
 
-    >>> limited_to_the_frames(LineVerdict("nothing-wrong", "nothing wrong", "2 frames"), ["Error reading"]).code
+    >>> limited_to_the_frames(LineVerdict("nothing-wrong", "nothing wrong", "2 frames"), ["Error reading"], None).code
     'not-seen'
     """
-    is_told = any(_TROUBLE.search(line) and not _LOGGED.search(line) for line in lines)
+    is_told = words is not None or any(_TROUBLE.search(line) and not _LOGGED.search(line) for line in lines)
     if verdict.code != "nothing-wrong" or not is_told:
         return verdict
-    return LineVerdict("not-seen", "the frames shown are sound, and the text tells of trouble", verdict.evidence)
+    return LineVerdict("not-seen", "the frames shown are sound, and the text tells of more", verdict.evidence)
 
 
 def _messages(text: str) -> str:
@@ -403,9 +431,9 @@ def _stated(text: str) -> list[_Stated]:
     text = _messages(text)
     found = ((re.search(words, text), what) for words, what in _STATED)
     known = [*_numbered(text), *(_Stated.by(words, what) for words, what in found if words)]
-    by_meaning = {stated.what: stated for stated in reversed(known)}
+    by_meaning = {stated.what.partition(": ")[0]: stated for stated in reversed(known)}
     if _SILENT in by_meaning or _NO_CONNECTION in by_meaning:
-        by_meaning.pop(_TIME_OUT, None)
+        by_meaning.pop(_TIME_OUT.partition(": ")[0], None)
     return [*reversed(by_meaning.values())]
 
 
@@ -468,14 +496,41 @@ def _numbered(text: str) -> list[_Stated]:
     for words in _NO_VALUE.finditer(text):
         marks = f"{int(words[1]) & 0xFFFF:04X}h, which many devices send for a value that they do not have"
         stated.append(_Stated.by(words, f"{words[1]} is {marks}"))
-    for words in _LENGTHS.finditer(text):
-        expected, got = map(int, filter(None, words.groups()))
-        if got == _REFUSAL < expected:
-            stated.append(_Stated.by(words, f"5 bytes came where {expected} were expected: the length of a refusal"))
-        if expected > _LONGEST_ANSWER:
-            asked = (expected - _REFUSAL) // 2
-            stated.append(_Stated.by(words, f"{asked} registers are asked, and {_MOST_REGISTERS} are the most"))
-    return [*stated, *_transactions(text)]
+    return [*stated, *_mismatches(text), *_registers(text), *_transactions(text)]
+
+
+def _mismatches(text: str) -> Iterator[_Stated]:
+    """Yield what the numbers state of which one was expected and another came."""
+    for words in _MISMATCH.finditer(text):
+        before = text[max(0, words.start() - _BEFORE) : words.start()].rpartition("\n")[2]
+        wanted, came = filter(None, words.group(1, 2) if words[1] else words.group(4, 3))
+        what = next((what for noun, what in _OF_MISMATCH if noun.search(before + words[0])), None)
+        if wanted == came or what is None or "transaction" in before + words[0]:
+            continue
+        if what == _LENGTH and wanted.isdecimal() and came.isdecimal():
+            expected = int(wanted)
+            is_refusal = int(came) == _REFUSAL < expected
+            if is_refusal:
+                yield _Stated.by(words, f"5 bytes came where {expected} were expected: the length of a refusal")
+            if expected > _LONGEST_ANSWER:
+                asked = (expected - _REFUSAL) // 2
+                yield _Stated.by(words, f"{asked} registers are asked, and {_MOST_REGISTERS} are the most")
+            if is_refusal:
+                continue
+        yield _Stated.by(words, f"{what}: {came}, not {wanted}")
+
+
+def _registers(text: str) -> Iterator[_Stated]:
+    """Yield what an ASCII gateway of CANopen (CiA 309-3) returned of the error register of a node, 1001h."""
+    read = [(words[1], int(words[2], 16), words) for words in _ERROR_REGISTER.finditer(text)]
+    for node in dict.fromkeys(node for node, _, _ in read):
+        values = [value for of, value, _ in read if of == node]
+        bits = [
+            f"{1 << bit:02X}h is {name}" for bit, name in enumerate(_REGISTER_BITS) if any(v >> bit & 1 for v in values)
+        ]
+        shown = "; ".join([", ".join(f"{value:02X}h" for value in values), *bits])
+        first = next(words for of, _, words in read if of == node)
+        yield _Stated.by(first, f"the error register 1001h of node {node} is read as {shown}")
 
 
 def _transactions(text: str) -> list[_Stated]:
