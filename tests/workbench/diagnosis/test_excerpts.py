@@ -359,3 +359,46 @@ def test_in_whole_seconds_no_short_silence_is_known_and_each_finding_has_the_lin
 def test_what_the_frames_say_of_each_other(text: str, said: str) -> None:
     findings, verdicts = told(text)
     assert said in "\n".join([*findings, verdicts])
+
+
+_REFUSED = "it answers with an exception, and the response is 01 83 02 C0 F1, here is the log:\n"
+
+
+@every_case(
+    ("text", "says"),
+    [
+        (_REFUSED + "12:00:01.000 " + ASKED, "exception 02 of unit 1 to Read Holding Registers, 2 from 0000h"),
+        (_REFUSED + ASKED, "exception 02 of unit 1 to Read Holding Registers, 2 from 0000h"),
+        (_REFUSED + 2 * ("12:00:01.000 " + ASKED), "exception 02 of unit 1;"),
+        (_REFUSED + "12:00:01.000 send: 01 04 00 00 00 02 71 CB\n", "exception 02 of unit 1;"),
+    ],
+)
+def test_an_exception_that_a_sentence_tells_answers_the_one_open_request_of_its_function(text: str, says: str) -> None:
+    assert says in told(text)[1]
+
+
+def test_a_quotation_that_begins_within_the_line_of_an_error_has_all_its_frames() -> None:
+    findings, verdicts = told(
+        "send: 0x0 0x7 0x0 0x0 0x0 0x6 0x1 0x3 0x0 0x0 0x0 0x2 >>>>> recv: 0x0 0x7 0x0 0x0 0x0 0x7 0x1 0x3 0x4 0x0 0x1 "
+        "0x0 0x2 extra data: >>>>> send: 0x0 0x8 0x0 0x0 0x0 0x6 0x1 0x3 0x0 0x0 0x0 0x2 >>>>> recv: 0x0 0x8 0x0 0x"
+    )
+    assert findings == []
+    assert "3 frames, 1 request answered" in verdicts
+    assert "the end of the last response, of unit 1: 3 of its 13 bytes" in verdicts
+
+
+def test_a_response_of_tcp_one_byte_short_of_both_counts_is_of_the_request_with_its_number() -> None:
+    findings, _ = told(
+        "send: 00 07 00 00 00 06 01 03 00 00 00 02\nrecv: 00 07 00 00 00 07 01 03 04 00 01 00\n"
+        "send: 00 08 00 00 00 06 01 03 00 00 00 01\nrecv: 00 08 00 00 00 05 01 03 02 00 07\n"
+    )
+    assert [finding.partition("the beginning")[2] for finding in findings] == [
+        " of a response, 1 byte is to come [cut-frame]: the length is 7, and 6 bytes follow; the byte count is 4, "
+        "and 3 follow"
+    ]
+
+
+def test_a_request_before_the_last_response_is_open_though_that_is_cut() -> None:
+    verdicts = told(ASKED_TCP + "send: 00 08 00 00 00 06 02 03 00 00 00 02\nrecv: 00 08 00 00 00 07 02 03 04 00\n")[1]
+    assert "1 request to unit 1 at the end" in verdicts
+    assert "the end of the last response, of unit 2: 10 of its 13 bytes" in verdicts

@@ -28,7 +28,6 @@ from barewire_workbench.diagnosis.modbus_log import LiveDiagnosis, ModbusLogDiag
 from barewire_workbench.diagnosis.modbus_noise import has_no_reading
 from barewire_workbench.diagnosis.texts import (
     NO_WHOLE_FRAMES,
-    PROSE,
     is_text,
     limited_to_the_frames,
     verdict_of_words,
@@ -36,6 +35,7 @@ from barewire_workbench.diagnosis.texts import (
 )
 from barewire_workbench.diagnosis.verdict import LineVerdict, LogFinding
 from barewire_workbench.live.listen import listen_with
+from barewire_workbench.recordings.modbus_log.posted import PROSE
 from barewire_workbench.recordings.modbus_replay import SerialProtocol
 from barewire_workbench.recordings.model import Unread
 from barewire_workbench.sniffer import WINDOW

@@ -29,10 +29,6 @@ _REQUESTS, _ANSWERS = (
 _ABORT = 0x80
 _INDEX = range(0x10, 0xC0)
 """The high bytes of the indexes of a dictionary."""
-_COUNTED = (1, 2, 3, 4)
-"""Functions whose response has its byte count behind them."""
-_VALUES = 9
-"""Where the values begin in such a response of TCP."""
 _FLOAT = 4
 _NUMBER = re.compile(r"(?<![\w.:-])-?\d{1,9}\.\d{1,9}(?![\w.:])")
 _IS_FLOAT = re.compile(r"(?i)float|\bf32\b|\breal\b")
@@ -63,14 +59,11 @@ def readings_of(text: str, pieces: list[bytes]) -> list[str]:
 
 
 def _tcp(pieces: list[bytes]) -> Iterator[str]:
-    """Yield the frames of TCP that end too early, by the length in their header; the byte count agrees if there is
-    one."""
+    """Yield the frames of TCP that end too early, by the length in their header."""
     for data in pieces:
         for cut in diagnose_tcp(data):
             if cut.code == "cut-frame" and data[2:4] == b"\0\0":
-                is_counted = len(data) > _VALUES and data[7] in _COUNTED and "response" in cut.text
-                count = f"; the byte count is {data[8]}, and {len(data) - _VALUES} follow" if is_counted else ""
-                yield f"{shown_digits(data)} of Modbus TCP is {cut.text}: {cut.proof}{count}"
+                yield f"{shown_digits(data)} of Modbus TCP is {cut.text}: {cut.proof}"
 
 
 def _sdo(pieces: list[bytes]) -> Iterator[str]:

@@ -187,8 +187,9 @@ class LineDiagnosis:
             case ResponseMissing():
                 yield from self.pieces.decide(None)  # no frame will follow the noise that came in place of the response
                 yield from self._no_response(event, following)
-            case RecordingEnds(request=request) if (request.unit, request.at) not in self.pieces.spoiled:
-                if not self._listens(request) and not self.pieces.end_cut():
+            case RecordingEnds(request=request):
+                self.pieces.end_cut()
+                if (request.unit, request.at) not in self.pieces.spoiled and not self._listens(request):
                     self.unsettled.open[f"request to unit {request.unit} at the end"] += 1
             case AmbiguousFrame() if not self._listens(event):
                 yield from self._either(event)

@@ -93,26 +93,25 @@ class LinePieces:
         """Return whether a response came behind another one, in the same read."""
         return self._stuck is not None and self.of(response) is self._stuck
 
-    def end_cut(self) -> bool:
-        """Return whether the log ends within a response to the open request. Neither this nor the beginning of any
-        other frame at the end is a fault of the line."""
+    def end_cut(self) -> None:
+        """Take the end of a log within a response to the open request: neither this nor the beginning of any other
+        frame at the end is a fault of the line."""
         noise = self._noise
         if noise is None or not self.is_cut:
-            return False
+            return
         size, asked = self._due(noise), self._asked.adu if self._asked is not None else None
         is_fault = self.counts.last_lost > 0 or (self.protocol == "rtu" and crc16(noise.data) == 0)  # of its sender
         if size is not None and len(noise.data) < size and asked is not None and not is_fault:
             seen = f"{len(noise.data)} of its {size} bytes are in the log"
             self.unsettled.unseen.append(f"the end of the last response, of unit {asked.unit}: {seen}")
+            self.spoiled.append((asked.unit, self._asked.end if self._asked is not None else noise.end))
             self._noise = None
-            return True
-        if self.counts.frames and (asked is None or self.protocol != "tcp"):
+        elif self.counts.frames and (asked is None or self.protocol != "tcp"):
             found = self.examiner.findings(noise.data, None, good=self.counts.frames >= PROVES)
             if found and found[0].code == "cut-frame" and "CRC" not in f"{found[0].text} {found[0].proof}":
                 seen = f"{counted(len(noise.data))} of it are in the log, {shown_digits(noise.data)}"
                 self.unsettled.unseen.append(f"the end of the last frame: {seen}")
                 self._noise = None
-        return False
 
     def take(self, piece: Piece) -> Iterator[Located]:
         """Take the next piece; yield what is found on the noise before it."""
@@ -217,7 +216,8 @@ class LinePieces:
 
     def _begins_answer(self, noise: Piece) -> bool:
         """Return whether noise begins with the unit and the function that were asked."""
-        asked = self._asked.adu if self._asked is not None and noise.from_client is not True else None
+        request = self._asked_by(noise)
+        asked = request.adu if request is not None and noise.from_client is not True else None
         head = noise.data[PREFIX if self.protocol == "tcp" else 0 :][:2]
         if asked is None or len(head) < (1 if self.protocol == "tcp" else 2):
             return False
@@ -240,7 +240,7 @@ class LinePieces:
     def _damaged(self, noise: Piece, *, is_first: bool, around: Piece | None) -> Iterator[Located]:
         """Diagnose bytes that should be a frame: the response to the open request, or anything. `is_first`: they begin
         the log, and a frame follows at once. `around` is the frame behind them in the same piece of the log."""
-        counts, asked = self.counts, self._asked if noise.from_client is not True else None
+        counts, asked = self.counts, self._asked_by(noise) if noise.from_client is not True else None
         if self._asked is None and self._is_part_again(noise):
             self.unsettled.open["frame printed again without its beginning"] += 1
             return
@@ -287,6 +287,14 @@ class LinePieces:
             if self.protocol == "tcp" and noise.joined and self._before is not None:
                 text = f"{counted(len(noise.data))} behind a frame, which the length in its header does not count"
             yield Located(unit, Finding("no-frame", text, content(noise.data)), noise.end, noise.line)
+
+    def _asked_by(self, noise: Piece) -> Piece | None:
+        """Return the request to which noise may be the response: of TCP that with its transaction, for a response that
+        ends too early is known as such only when the next one begins."""
+        if self.protocol == "tcp" and noise.data[2:4] == b"\0\0":
+            asked = (piece for _, piece in reversed(self._lines) if piece.from_client)
+            return next((piece for piece in asked if piece.data[:2] == noise.data[:2]), self._asked)
+        return self._asked
 
     def _damaged_response(self, noise: Piece, request: Adu, *, begins: bool) -> Finding | None:
         """Count the damaged response to a request; return what the request alone proves of it."""

@@ -21,6 +21,7 @@ from barewire_workbench.diagnosis.exchange import shown_digits
 from barewire_workbench.diagnosis.fragments import floats_of, pieces_of, readings_of
 from barewire_workbench.diagnosis.verdict import LineVerdict
 from barewire_workbench.recordings.modbus_log import LoggedBytes, ModbusLog
+from barewire_workbench.recordings.modbus_log.posted import PROSE
 
 _SHOWN = 8
 """Pieces of bytes that a verdict shows."""
@@ -254,8 +255,6 @@ _TROUBLE = re.compile(
     r"fehler\w*|probleme?|falsche?\w*|nicht|keine?\w?)\b"
 )
 """What a person says of trouble, in a title too."""
-PROSE = re.compile(r"(?:\b[A-Za-z']{2,}\b,? +){4}")
-"""Words of a sentence: bytes beside them may be a part of a frame, or an example."""
 _NUMBER = re.compile(r"(?i)exception[ _]?(?:code)?[\"']?\s*[:=]?\s*[('\"]*(0x[0-9a-f]{1,2}|\d{1,2})\b(?!\d)(?!,)")
 _EXCEPTIONS = (
     (1, "illegalfunction"),

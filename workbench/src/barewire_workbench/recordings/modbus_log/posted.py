@@ -43,6 +43,8 @@ _QUOTES = str.maketrans("\u201c\u201d\u201e\u2018\u2019", '"""\'\'')
 """Quotes as a word processor or a forum sets them."""
 _WORD = re.compile(r"(?i)[g-z][a-z]{2,}|[a-z]{2,}[g-z]|[^\x00-\x7F]{2}")
 _ONE_NOTATION, IN_PART = "bytes in one notation", "bytes that are printed in part"
+PROSE = re.compile(r"(?:\b[A-Za-z']{2,}\b,? +){4}")
+"""Words of a sentence: bytes beside them may be a part of a frame, or an example."""
 _CUT = re.compile(rf"[\s,;:>\])'\"]{{0,3}}(?:\.\.\.|…|{HIDDEN})")
 """What stands behind bytes in place of the others."""
 _CODE = re.compile(r"(?:=\s*\[?|\{)\s*~|~\s*(?:,\s*$|[};])")

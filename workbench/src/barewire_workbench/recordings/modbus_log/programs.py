@@ -67,8 +67,10 @@ from barewire_workbench.recordings.modbus_log.octets import find_stamp, stamp_in
 _HEX_BYTES = r"(?:0x[0-9a-fA-F]{1,2}(?:\s+|$))*"
 _PYMODBUS_WORD = re.compile(r"(?P<repeated>>{5}\s*)?(?<![\w'\"])(?P<word>send|recv|SEND|RECV):")
 _PYMODBUS_WORD_ENDS = ("end:", "ecv:", "END:", "ECV:")
-_PYMODBUS_BYTES = re.compile(rf"\s*(?P<bytes>{_HEX_BYTES})(?:old_data:.*|extra data:.*|addr=.*|unexpected data:.*)?$")
-"""What stands behind a word, up to the next one."""
+_PYMODBUS_BYTES = re.compile(
+    rf"\s*(?P<bytes>{_HEX_BYTES})(?:old_data:.*|extra data:.*|addr=.*|unexpected data:.*|0x)?$"
+)
+"""What stands behind a word, up to the next one; a text may be cut within a byte."""
 _PYMODBUS_MORE = re.compile(r"(?:0x[0-9a-fA-F]{1,2}(?:\s+|$))+")
 _PYMODBUS_PROCESSING = re.compile(rf"(?<![\w'\"])(?:Processing|Handling data):\s*(?P<bytes>{_HEX_BYTES})$")
 _PYMODBUS_OTHER = re.compile(
@@ -115,6 +117,7 @@ class _PymodbusLog:
         """Take a line with send and recv, each with the bytes behind it."""
         stamp = stamp_in(line[: words[0].start()])
         self._go_on(number, line[: words[0].start()])
+        is_repeated = any(word["repeated"] for word in words)  # a quotation begins within the line of an error
         for word, following in zip_longest(words, words[1:]):
             text = line[word.end() : None if following is None else following.start()]
             match = _PYMODBUS_BYTES.match(text)
@@ -125,7 +128,7 @@ class _PymodbusLog:
             data = bytes(int(token, 16) for token in match["bytes"].split())
             is_sent = word["word"].lower() == "send"
             if data or not is_sent:
-                entries = self.repeated if word["repeated"] else self.logged
+                entries = self.repeated if is_repeated else self.logged
                 extra = None if is_sent else _PYMODBUS_EXTRA.match(text, match.end("bytes"))
                 if (
                     extra is not None

@@ -54,7 +54,14 @@ from barewire_workbench.recordings.modbus_log.octets import (
     split_octets,
     without_stamp,
 )
-from barewire_workbench.recordings.modbus_log.posted import IN_PART, Posted, read_posted, whole_frames, without_markup
+from barewire_workbench.recordings.modbus_log.posted import (
+    IN_PART,
+    PROSE,
+    Posted,
+    read_posted,
+    whole_frames,
+    without_markup,
+)
 from barewire_workbench.recordings.modbus_log.programs import (
     read_bytewise,
     read_libmodbus,
@@ -221,6 +228,8 @@ _TIME_OF_DAY = re.compile(r"\s*[(\[]?\d{1,2}:\d{2}:\d")
 """Hours, minutes and seconds, as `parse_log` reads them: they begin again at midnight."""
 _HALF = re.compile(r"\b((?:[0-9A-Fa-f]{2} ){3,})([0-9A-Fa-f])\s*$")
 """Bytes of two digits each, and one digit behind them."""
+_TOLD_MAX, _EXCEPTION = 2000, (5, 9)
+"""Lines of a text in which an answer may be told, and the bytes of an exception of RTU and of TCP."""
 _HALF_MAX = 1000
 """Characters at the end of a text in which they are looked for."""
 _ASCII = bytes(range(0x80))
@@ -387,7 +396,7 @@ class _LogReader:
         left = [(number, line) for number, line in enumerate(lines, 1) if line.strip() and number not in taken]
         reader = _LogReader(self._ports, self._protocol)
         reader.form = "posted"
-        log = reader._assembled("posted", [posted.entry for posted in found], left)
+        log = reader._assembled("posted", _told_answers([posted.entry for posted in found], lines), left)
         whys = (f"line {posted.entry.line}: read as bytes: {posted.why}" for posted in found[:_POSTED_SHOWN])
         return log._replace(notes=(*whys, *log.notes))
 
@@ -484,7 +493,7 @@ class _LogReader:
             elif not _SILENT.search(line, 0, _LONGEST_LINE):
                 left.append(number)
         entries.sort(key=lambda entry: entry.line)
-        entries = list(self._with_silences(entries, lines))
+        entries = list(self._with_silences(_told_answers(entries, lines), lines))
         log = self._assembled(form, entries, [(number, lines[number - 1]) for number in left])
         notes = tuple(f"line {self._offset + number}: {text}" for number, text in content.notes)
         return log._replace(notes=notes + log.notes)
@@ -664,6 +673,35 @@ def _is_again(last: LogEntry, entry: LogEntry) -> bool:
     seconds, before = entry.stamp.seconds, last.stamp.seconds
     is_whole = seconds % 1 == before % 1 == 0  # so it is not known whether they are at the same time
     return not is_whole and entry.stamp.day == last.stamp.day and abs(seconds - before) <= _AT_ONCE
+
+
+def _told_answers(entries: list[LogEntry], lines: list[str]) -> list[LogEntry]:
+    """Return the entries, each exception in a sentence behind the request that it answers, if only one without an
+    answer has its unit and function: people tell first what came, and show the log then."""
+    told = [entry for entry in entries if entry.stamp is None and len(entry.data or b"") in _EXCEPTION]
+    for entry in told if len(lines) <= _TOLD_MAX else ():
+        refused = _unit_and_pdu(entry)
+        if refused[1:2] < b"\x80" or not PROSE.search(lines[entry.line - 1]):
+            continue
+        head = refused[:1] + bytes((refused[1] & 0x7F,))
+        open_requests = [
+            asked
+            for asked, behind in zip_longest(entries, entries[1:])
+            if asked.sent is not False and _unit_and_pdu(asked)[:2] == head and shapes(_unit_and_pdu(asked)[1:])[0]
+            if behind is None or behind.sent or _unit_and_pdu(behind)[:2] not in (head, refused[:2])
+        ]
+        if len(open_requests) == 1:
+            entries = [other for other in entries if other is not entry]
+            place = next(place for place, other in enumerate(entries) if other is open_requests[0])
+            entries.insert(place + 1, entry._replace(sent=None, from_client=False))
+    return entries
+
+
+def _unit_and_pdu(entry: LogEntry) -> bytes:
+    """Return unit and PDU of a frame; nothing if the bytes are none."""
+    data = entry.data or b""
+    found = (data[:1], frame_pdu("rtu", data)), (data[6:7], frame_pdu("tcp", data))
+    return next((unit + pdu for unit, pdu in found if pdu is not None), b"")
 
 
 def _is_quoted(before: Posted, this: Posted) -> bool:
