@@ -107,7 +107,7 @@ _UNDECIDED = {"nothing-proved", "open", "not-seen", "no-bytes", "said"}
 """Codes that accuse nobody and leave the cause open."""
 _SEEN = {
     "refused", "nothing-heard", "no-frame", "no-frames", "crc-wrong", "no-answer", "no-answers", "dead-unit",
-    "lost-answers",
+    "lost-answers", "late-answers",
 }  # fmt: skip
 """Codes that say what came or did not come, and not why."""
 

@@ -262,7 +262,7 @@ RTU: dict[str, Habit] = {
         frozenset({"bit-flip", "disturbed", "byte-count"}),
         played(answer(lambda d, __, data: _flipped(data, d.randrange(3, len(data) - 2), d.randrange(8)))),
     ),
-    "late": Habit(frozenset({"late-answer", *SILENT}), _late),
+    "late": Habit(frozenset({"late-answer", "late-answers", *SILENT}), _late),
     "answer of another unit": Habit(
         frozenset({"wrong-answer"}), played(answer(lambda _, e, __: rtu.encode(e.unit % 247 + 1, e.answered)))
     ),

@@ -352,7 +352,7 @@ def test_in_whole_seconds_no_short_silence_is_known_and_each_finding_has_the_lin
             "12:00:01.5 send: 01 03 00 00 00 01 84 0A\n12:00:04.5 send: 02 03 00 00 00 02 C4 38\n"
             "12:00:04.9 recv: 01 03 02 00 17 F8 4A\n12:00:05.0 send: 01 03 00 00 00 02 C4 0B\n"
             "12:00:05.9 recv: 02 03 04 00 17 00 07 38 F5\nend\n",
-            "2 responses came behind the next request: the client waits shorter than they take",
+            "[late-answers]: 2 responses to 3 requests came after the next request, of unit 1, 2",
         ),
     ],
 )

@@ -111,7 +111,8 @@ class LineCounts:
         explained = {verdict.code for verdict in verdicts} - {"dead-unit", "no-answers", "echo", "two-masters"}
         if self.serial and not explained and damaged >= PROVES and damaged >= _SHARE * self.frames:
             verdicts.append(self._disturbed(damaged))
-        return [*verdicts, *self._silence()]
+        verdicts += self._silence()
+        return verdicts or self._late()
 
     def seen(self) -> str:
         """Return the counts in words."""
@@ -120,9 +121,6 @@ class LineCounts:
         text = f"{counted(self.frames, 'frame')}{'' if answered else ' read'}"
         if answered:
             text += f", {counted(answered, 'request')} answered by {counted(len(units), 'unit')}"
-        late = sum(unit.late for unit in self.units.values())
-        if late > 1:
-            text += f"; {late} responses came behind the next request: the client waits shorter than they take"
         for value, number in self.no_value.items():
             text += (
                 f"; {counted(number, 'response')} of {value} alone, which many devices send for a value not available"
@@ -257,6 +255,17 @@ class LineCounts:
             LineVerdict("lost-answers", "responses are missing now and then", evidence, self._other("lost-answers"))
         ]
 
+    def _late(self) -> list[LineVerdict]:
+        """Responses behind the next request. One may be an accident; beside wrong ones, a wrong one may seem late."""
+        late = {number: unit.late for number, unit in sorted(self.units.items()) if unit.late}
+        requests, total = sum(unit.requests for unit in self.units.values()), sum(late.values())
+        if total < 2 or total < _SHARE * requests or any(unit.wrong for unit in self.units.values()):
+            return []
+        text = "responses come later than the client waits"
+        units = ", ".join(map(str, late))
+        evidence = f"{total} responses to {counted(requests, 'request')} came after the next request, of unit {units}"
+        return [LineVerdict("late-answers", text, evidence, _OTHER["late-answers"])]
+
     def _other(self, code: VerdictCode) -> str:
         """Return what else silence may be on a serial line; nothing on another, whose way is not known."""
         return _OTHER[code] if self.serial else ""
@@ -282,5 +291,6 @@ _OTHER: dict[VerdictCode, str] = {
     "baud-rate": "",
     "dead-unit": "another address, a broken stub, or an answer that is later than the time-out",
     "lost-answers": "requests that are damaged on the way, a busy device, or a master whose time-out is too short",
+    "late-answers": "a converter or gateway that holds them back",
     "no-answers": "a listener that receives the master only, or another baud rate or parity at the units",
 }

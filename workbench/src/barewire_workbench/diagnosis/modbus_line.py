@@ -149,7 +149,10 @@ class LineDiagnosis:
         if not counts.frames and not counts.noise_bytes:
             causes.append(LineVerdict("nothing-heard", "nothing was received", "no byte"))
         differences = list(self._refusals.differences())[:_DIFFERENCES]
-        return causes or verdicts_without_cause(self.found, self.unsettled, "; ".join([counts.seen(), *differences]))
+        seen = "; ".join([counts.seen(), *differences])
+        if {cause.code for cause in causes} == {"late-answers"}:  # which says nothing of the others
+            return [*causes, *self.unsettled.verdicts(seen)]
+        return causes or verdicts_without_cause(self.found, self.unsettled, seen)
 
     def _log_finding(self, unit: int, finding: Finding, at: float, line: int, said: str = "") -> LogFinding:
         place = ", ".join(filter(None, (self.name, f"unit {unit}" if unit else "")))
