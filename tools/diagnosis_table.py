@@ -343,8 +343,10 @@ title that tells of trouble.
 After the judgement, with these threads in view, what a quotation cuts at its beginning or end is called that, a frame
 that is printed twice counts once, two parts of one response are joined, and stamps in whole seconds give no short
 silence. Frames of CAN in three more prints are read, and those of ISO-TP are no heartbeats. Sound frames under words
-of trouble are left undecided. Five more messages are known, of ioBroker, mbusd, `ip` and jsmodbus. Nobody has judged
-the answers of today.
+of trouble are left undecided. Five more messages are known, of ioBroker, mbusd, `ip` and jsmodbus. Messages with two
+numbers, one expected and one that came, are known by that form; an exception in a sentence answers the one open request
+of its function; responses behind the next request are a verdict; a response short of both counts, frames that code puts
+together, messages of ISO-TP and error frames as gs_usb prints them are read. Nobody has judged the answers of today.
 """
 _RECORDS = {"second": _AGAIN, "third": _THIRD, "fourth": _FOURTH, "fifth": _FIFTH, "sixth": _SIXTH}
 """The records of sets that were unseen when judged, and what the page says of each."""

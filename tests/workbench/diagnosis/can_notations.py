@@ -43,6 +43,9 @@ CAN_NOTATIONS: dict[str, Callable[[AnyFrame], str]] = {
     "socket error": lambda frame: (
         f"canopend[99]: socket msg ID: 0x{_number(frame):08X}, Data[0..7]: {_0x(frame.data)} (can0)"
     ),
+    "gs_usb": lambda frame: (
+        f"ffffffff{_number(frame).to_bytes(4, 'little').hex()}{len(frame.data):02x}000000{frame.data.hex():0<16}"
+    ),
     "directed": lambda frame: f"15:47:14.042 CAN1 {_id(frame)} Tx SD {len(frame.data)} {frame.data.hex(' ')}",
 }
 

@@ -402,3 +402,78 @@ def test_a_request_before_the_last_response_is_open_though_that_is_cut() -> None
     verdicts = told(ASKED_TCP + "send: 00 08 00 00 00 06 02 03 00 00 00 02\nrecv: 00 08 00 00 00 07 02 03 04 00\n")[1]
     assert "1 request to unit 1 at the end" in verdicts
     assert "the end of the last response, of unit 2: 10 of its 13 bytes" in verdicts
+
+
+@every_case(
+    ("code", "frames"),
+    [
+        ("f = {0x01, 0x03, 0x00, 0x00, 0x00, 0x02};\nf.push_back(0xC4);\nf.push_back(0x0B);\n", 1),
+        (
+            "vector<uint8_t> f = {0x01, 0x06, 0x00, 0x00, 0x00, 0x00};\nif (on) {\n  f[5] = 1; // on\n"
+            "  f.push_back(0x48);\n  f.push_back(0x0A);\n} else {\n  f[5] = 0;\n  f.push_back(0x89);\n"
+            "  f.push_back(0xCA);\n}\n",
+            2,
+        ),
+        ("".join(f"buf[{at}] = {byte};\n" for at, byte in enumerate(bytes.fromhex("010300000002C40B"))), 1),
+        ("".join(f"Serial.write(0x{byte:02X});\n" for byte in bytes.fromhex("010300000002C40B") * 2), 2),
+    ],
+)
+def test_a_frame_that_code_puts_together_is_read_where_its_crc_is_complete(code: str, frames: int) -> None:
+    findings, verdicts = told(f"void ask() {{\n{code}}}\n")
+    assert findings == []
+    assert verdicts.startswith("verdict: undecided: this log shows one side only [open]: request to unit 1, ")
+    assert f"; {frames} frame{'s' * (frames > 1)} read" in verdicts
+
+
+def test_bytes_of_code_whose_crc_does_not_fit_are_no_frame() -> None:
+    code = "f = {0x01, 0x03, 0x00, 0x00, 0x00, 0x02};\nf.push_back(0xC4);\nf.push_back(0x0C);\n"
+    with pytest.raises(DecodeError):
+        read_modbus_log(f"void ask() {{\n{code}}}\n".encode())
+
+
+def bus_told(*frames: str, apart: float = 0.0011) -> tuple[list[str], str]:
+    """Return the texts of the findings and the verdicts on frames, one after the other."""
+    bus = BusDiagnosis()
+    found = [
+        finding for at, text in enumerate(frames) for finding in bus.feed(CanFrame.parse(text), at * apart, at + 1)
+    ]
+    found += bus.end(len(frames) * apart)
+    return [finding.finding.text for finding in found], "\n".join(verdict.sentence for verdict in bus.verdicts())
+
+
+_FIRST, _GO_ON = "000007E8#101C000102030405", "000007E0#3000000000000000"
+_OTHER_GO_ON = "000007E0#300A140000000000"
+_REST = tuple(f"000007E8#2{number}06070809AAAAAA" for number in range(1, 5))
+
+
+@every_case(
+    ("frames", "texts"),
+    [
+        ([_FIRST, _GO_ON, *_REST], []),
+        ([_FIRST, _GO_ON, _GO_ON, *[frame for frame in _REST for _ in range(2)]], []),  # printed twice
+        ([_FIRST, _GO_ON, _OTHER_GO_ON, *_REST], ["two different flow controls answer one frame"]),
+        ([_FIRST, _GO_ON, _REST[0], _REST[2], _REST[3]], ["consecutive frame 22 of a message of 28 bytes is missing"]),
+        ([_FIRST, _REST[0], _REST[2]], []),  # of any other protocol
+        ([_FIRST, _GO_ON, _OTHER_GO_ON, _REST[1]], []),
+    ],
+)
+def test_messages_of_iso_tp_are_judged_where_a_flow_control_and_its_frames_prove_them(
+    frames: list[str], texts: list[str]
+) -> None:
+    found, _ = bus_told(*frames)
+    assert len(found) == len(texts)
+    assert all(text in finding for text, finding in zip(texts, found))
+
+
+def test_a_message_of_iso_tp_that_ends_behind_its_flow_control_is_open() -> None:
+    found, verdicts = bus_told("701#0322F19000000000", "781#101462F190000000", "701#3000320000000000")
+    assert found == []
+    assert "1 message of 781h, 20 bytes, whose second frame does not follow the flow control; 3 frames" in verdicts
+
+
+def test_bit_errors_are_of_the_controller_that_sends() -> None:
+    bus = BusDiagnosis()
+    for at in range(4):
+        bus.feed(ErrorFrame(0x4C, bytes.fromhex("0030080000000000")), 0.1 * at)
+    assert [verdict.code for verdict in bus.verdicts()] == ["no-frames"]
+    assert "a dominant bit read as recessive" in bus.verdicts()[0].evidence

@@ -8,6 +8,7 @@ The files, in reading order:
     ascii, tcp       the trials of the other two framings
     exchange         a response and its request; one frame in any framing
     can              one CAN frame
+    iso_tp           messages of ISO-TP, where the bus has no CANopen
 
 Whole logs and live lines: findings with their place and time, then verdicts on the line or bus.
 

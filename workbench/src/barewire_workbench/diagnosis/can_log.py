@@ -28,6 +28,7 @@ from barewire.canopen.lss.messages import ANSWER_KEY, LssRefused, LssService
 from barewire.canopen.nmt.messages import NmtState
 from barewire.canopen.sdo.messages import InitiateUpload
 from barewire_workbench.diagnosis.can import diagnose_can
+from barewire_workbench.diagnosis.iso_tp import IsoTp
 from barewire_workbench.diagnosis.verdict import (
     FindingCounts,
     LineVerdict,
@@ -57,6 +58,9 @@ _NO_ACKNOWLEDGEMENT = 0x20
 _FAULTS = 0x01 | 0x08 | 0x10 | _NO_ACKNOWLEDGEMENT | 0x40 | 0x80
 """Classes of error frames that report a fault of the bus: send time-out, protocol violation, transceiver, no
 acknowledgement, bus off, bus error. Lost arbitration is none, and an overrun or restart is of the controller alone."""
+_BIT_ERRORS = 0x01 | 0x08 | 0x10
+"""Kinds of a violation of the protocol, in the third byte, that only the sender of a frame sees: it reads another bit
+than it sends."""
 _PROTOCOL, _ACKNOWLEDGE_BITS = 0x08, (b"\x19", b"\x1b")
 """A violation of the protocol has its place in the fourth byte: here the slot of the acknowledgement, or its end."""
 _LSS_CONFIGURES = (b"\x11", b"\x13", b"\x17")
@@ -94,6 +98,7 @@ class BusCounts:
         self.last_error = ""
         self.sides: set[str] = set()  # of SDO: requests, answers
         self.unacknowledged = 0
+        self.unsent = 0  # of frames in which the controller read another bit than it sent
         self.counter = 0  # the highest error counter that a controller reported
         self.first: float | None = None
         self.last = 0.0
@@ -118,6 +123,7 @@ class BusCounts:
             self.errors += bool(frame.classes & _FAULTS)
             in_acknowledgement = frame.classes & _PROTOCOL and frame.data[3:4] in _ACKNOWLEDGE_BITS
             self.unacknowledged += frame.classes & _FAULTS == _NO_ACKNOWLEDGEMENT or bool(in_acknowledgement)
+            self.unsent += bool(frame.classes & _PROTOCOL and len(frame.data) > 2 and frame.data[2] & _BIT_ERRORS)
             # The counters are valid in their own class; Linux before 6.0 has none, and gives them with this one.
             if frame.classes & _CONTROLLER or frame.counters:
                 self.counter = max(self.counter, *frame.data[6:8], 0)
@@ -195,6 +201,10 @@ class BusCounts:
         if self.unacknowledged == self.errors:
             other = "that the other nodes have another bit rate or are off, or that the cable is interrupted"
             return LineVerdict("not-acknowledged", "no other node acknowledges the frames", evidence, other)
+        if self.unsent == self.errors:
+            text = "the controller reads other bits than it sends, so that its own frames fail"
+            other = "a transceiver without supply, an exchanged wire, no termination, or another bit rate"
+            return LineVerdict("no-frames", text, f"{evidence}; the last: {self.last_error}", other)
         other = "exchanged wires CAN_H and CAN_L, or a bus without its termination of 120 ohm at both ends"
         return LineVerdict(
             "bit-rate", "only error frames are received, as with another bit rate than that of the bus", evidence, other
@@ -251,21 +261,25 @@ class BusCounts:
 
 
 _STATES = (
-    "receive overflow",
-    "transmit overflow",
-    "receive warning",
-    "transmit warning",
-    "receive passive",
-    "transmit passive",
-    "active again",
-)
+    "receive overflow", "transmit overflow", "receive warning", "transmit warning", "receive passive",
+    "transmit passive", "active again",
+)  # fmt: skip
 """Bits of the second byte of an error frame of SocketCAN of the class of the controller."""
+
+
+_KINDS = (
+    "one bit", "form", "stuff bits", "a dominant bit read as recessive", "a recessive bit read as dominant", "overload",
+)  # fmt: skip
+"""Bits of the third byte of one of the class of the protocol."""
 
 
 def _error_text(frame: ErrorFrame) -> str:
     state = frame.data[1] if frame.classes & _CONTROLLER and len(frame.data) > 1 else 0
-    bits = ", ".join(name for bit, name in enumerate(_STATES) if state >> bit & 1)
-    return f"{frame.text} ({bits})" if bits else frame.text
+    kind = frame.data[2] if frame.classes & _PROTOCOL and len(frame.data) > 2 else 0
+    words = [
+        name for bits, names in ((state, _STATES), (kind, _KINDS)) for bit, name in enumerate(names) if bits >> bit & 1
+    ]
+    return f"{frame.text} ({', '.join(words)})" if words else frame.text
 
 
 def _dead(node: int, what: str, evidence: str) -> LineVerdict:
@@ -383,6 +397,7 @@ class BusDiagnosis:
         self._last_transfer = ""
         self._sizeless = ""  # the first expedited answer without a size
         self._foreign = 0  # frames with an identifier that CANopen does not use
+        self._iso_messages = IsoTp()
         self._iso_tp = 0  # frames of another protocol
         self._judged = False  # a frame was heard whose meaning is known
         self._reset = ""  # the nodes that were reset by a command, if none was heard after it
@@ -403,6 +418,8 @@ class BusDiagnosis:
             proofs += self._error_frame(item, now)
         elif item is not None and not isinstance(item, Dropped):
             self._errors = 0 if sent is not True else self._errors
+            if not self._judged and isinstance(item, CanFrame) and item.data and 0x10 <= item.data[0] < 0x33:
+                proofs += [Proved(0, finding) for finding in self._iso_messages.take(item)]
             if not self._judged and _is_iso_tp(item):
                 self._iso_tp += 1
                 item = item._replace(id=0x7FF)  # which no service of CANopen uses
@@ -440,6 +457,8 @@ class BusDiagnosis:
             elif not self.counts.may_be_search(node):
                 self.unsettled.open[f"SDO transfer with node {node} without its other half"] += number
         self._not_awaited.clear()
+        if self._iso_tp == self.counts.frames:
+            self.unsettled.open.update(self._iso_messages.open())
         if self._reset:
             self.unsettled.open[f"reset of {self._reset}, and none heard after it"] += 1
         return self._at(proofs, now, 0)

@@ -295,15 +295,8 @@ _BEFORE = 40
 """Characters before two numbers in which the word stands."""
 _ERROR_REGISTER = re.compile(r"\b(\d{1,3}) r(?:ead)? 0x1001 (?:0x)?0\b[^\n]*\n\s*\[\d+\] (?:0x)?([0-9A-Fa-f]{2})\b")
 _REGISTER_BITS = (
-    "generic error",
-    "current",
-    "voltage",
-    "temperature",
-    "communication",
-    "device profile",
-    "reserved",
-    "manufacturer",
-)
+    "generic error", "current", "voltage", "temperature", "communication", "device profile", "reserved", "manufacturer",
+)  # fmt: skip
 """The bits of the error register [CiA 301 7.5.2.2]."""
 _QUEUE = re.compile(r"\bqlen (\d+)\b")
 _LAST_UNIT = 247
@@ -506,30 +499,29 @@ def _mismatches(text: str) -> Iterator[_Stated]:
         what = next((what for noun, what in _OF_MISMATCH if noun.search(before + words[0])), None)
         if wanted == came or what is None or "transaction" in before + words[0]:
             continue
-        if what == _LENGTH and wanted.isdecimal() and came.isdecimal():
-            expected = int(wanted)
-            is_refusal = int(came) == _REFUSAL < expected
-            if is_refusal:
-                yield _Stated.by(words, f"5 bytes came where {expected} were expected: the length of a refusal")
-            if expected > _LONGEST_ANSWER:
-                asked = (expected - _REFUSAL) // 2
-                yield _Stated.by(words, f"{asked} registers are asked, and {_MOST_REGISTERS} are the most")
-            if is_refusal:
-                continue
-        yield _Stated.by(words, f"{what}: {came}, not {wanted}")
+        expected, is_refusal = int(wanted) if what == _LENGTH and wanted.isdecimal() else 0, False
+        if came == str(_REFUSAL) and expected > _REFUSAL:
+            is_refusal = True
+            yield _Stated.by(words, f"5 bytes came where {expected} were expected: the length of a refusal")
+        if expected > _LONGEST_ANSWER:
+            asked = (expected - _REFUSAL) // 2
+            yield _Stated.by(words, f"{asked} registers are asked, and {_MOST_REGISTERS} are the most")
+        if not is_refusal:
+            yield _Stated.by(words, f"{what}: {came}, not {wanted}")
 
 
 def _registers(text: str) -> Iterator[_Stated]:
     """Yield what an ASCII gateway of CANopen (CiA 309-3) returned of the error register of a node, 1001h."""
-    read = [(words[1], int(words[2], 16), words) for words in _ERROR_REGISTER.finditer(text)]
-    for node in dict.fromkeys(node for node, _, _ in read):
-        values = [value for of, value, _ in read if of == node]
+    read: dict[str, list[re.Match[str]]] = {}
+    for words in _ERROR_REGISTER.finditer(text):
+        read.setdefault(words[1], []).append(words)
+    for node, found in read.items():
+        values = [int(words[2], 16) for words in found]
         bits = [
-            f"{1 << bit:02X}h is {name}" for bit, name in enumerate(_REGISTER_BITS) if any(v >> bit & 1 for v in values)
+            f"{1 << at:02X}h is {name}" for at, name in enumerate(_REGISTER_BITS) if any(v >> at & 1 for v in values)
         ]
         shown = "; ".join([", ".join(f"{value:02X}h" for value in values), *bits])
-        first = next(words for of, _, words in read if of == node)
-        yield _Stated.by(first, f"the error register 1001h of node {node} is read as {shown}")
+        yield _Stated.by(found[0], f"the error register 1001h of node {node} is read as {shown}")
 
 
 def _transactions(text: str) -> list[_Stated]:

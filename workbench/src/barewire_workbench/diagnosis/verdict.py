@@ -68,7 +68,7 @@ VERDICTS: dict[VerdictCode, str] = {
     "inverted": "The two wires are exchanged.",
     "wrong-protocol": "The devices speak another framing than the one that is read.",
     "turnaround": "The direction of the line changes too late, or the next frame comes too early.",
-    "no-frames": "There are bytes on the line, and no frame.",
+    "no-frames": "There are bytes on the line or error frames on the bus, and no frame.",
     "bit-rate": "There are error frames and no good frame: the bit rate is wrong.",
     "not-acknowledged": "No other node acknowledges: the sender is alone on the bus.",
     "two-masters": "Two masters use the bus at the same time.",

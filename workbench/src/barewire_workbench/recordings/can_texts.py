@@ -54,6 +54,7 @@ timestamp,arbitration_id,extended,remote,error,dlc,data
     <701> (8) b'0210010000000000'              Standard ID: 0x351  DLC: 8  Data: 0x44 0x02 ...
     COB-ID: 0x7E5                              can.Message(arbitration_id=0x605, dlc=8, data=[0x40, 0x41, ...])
     Data: 04 01 00 00 00 00 00 00              Response from 0x7E4: 17 01 ...               beside one of the others
+    ffffffff0c000020080000000000080000000000   a frame of gs_usb, as Linux and firmware print it: echo, identifier ...
 
 The frames count as 1 ms apart.
 
@@ -486,6 +487,10 @@ _BYTES_NOTE = re.compile(r"<(?P<id>[0-9A-Fa-f]{3}|[0-9A-Fa-f]{8})>\s+\([0-8]\)\s
 _DLC = re.compile(r"(?i)\b(?:dlc?|len|length|size)\W{0,4}([0-8])\b")
 _DATA = re.compile(r"(?i)\b(?:data|payload|bytes)(?:\[[\d. ]{1,6}\])?[\s:=({\[\x22]{1,4}(?=[0-9a-f])")
 _NUMBERS = re.compile(r"[\s:=,({\[]*((?:(?:0[xX])?[0-9A-Fa-f]{1,3}\b[\s,;-]{0,3}){1,8}|(?:[0-9A-Fa-f]{2}){1,8}\b)")
+_GS_USB = re.compile(
+    r"(?i)(?:ffffffff|[0-9a-f]{2}000000)[0-9a-f]{8}0[0-8]0[0-7]0[0-9a-f]00[0-9a-f]{16}(?:[0-9a-f]{8})?"
+)
+"""A frame of the USB adapters of gs_usb, candleLight: echo, identifier, length, channel, flags, 8 bytes, a time."""
 _BARE_NOTE = re.compile(rf"(?P<id>[0-9A-Fa-f]{{3}})(?:#|\s+){_PAIRS}")
 _TIMED_NOTE = re.compile(
     rf"\s*\d{{1,10}}\.\d{{1,9}}\s+(?=.*[A-Fa-f]|(?:\S+\s+){{8}}\S+\s*$)(?P<id>[0-7][0-9A-Fa-f]{{2}})\s+{_PAIRS}\s*"
@@ -539,10 +544,12 @@ def _noted_frames(lines: Iterable[str]) -> Iterator[tuple[int, str, str]]:
         if not line.strip():
             continue
         frame_match = _HASHED.search(line) if "#" in line else None
+        usb = _GS_USB.fullmatch(line.replace(" ", "").strip())
         if frame_match is None and (columns := _COLUMNS.search(line)) is not None:
             frame_match = columns if 2 * int(columns["length"]) == len(_joined(columns["data"])) else None
         frame_match = frame_match or _TIMED_NOTE.fullmatch(line) or _BYTES_NOTE.search(line)
         frame = "" if frame_match is None else _frame_text(frame_match["id"], _joined(frame_match["data"]))
+        frame = frame if usb is None else _of_usb(bytes.fromhex(usb[0]))
         named = _ID.search(title + line) if not frame else None
         title = ""
         if named is not None and (named["of"] or "can").lower() in _OF_CAN:
@@ -551,6 +558,19 @@ def _noted_frames(lines: Iterable[str]) -> Iterator[tuple[int, str, str]]:
             title = "" if rest.strip(" .)]`") else f"{line} "
         if not title:
             yield number, line, frame
+
+
+def _of_usb(data: bytes) -> str:
+    """Return the frame in one of gs_usb: a number of 4 bytes for the echo, identifier with its flags, length, channel.
+
+    >>> _of_usb(bytes.fromhex("ffffffff 0c000020 08 00 00 00 000c080000000000"))
+    '2000000C#000c080000000000'
+    """
+    number, length = int.from_bytes(data[4:8], "little"), data[8]
+    identifier = number & EXTENDED_MAX | number & 0x2000_0000  # the flag of an error frame
+    is_long = number != identifier or identifier > BASE_MAX
+    text = f"{identifier:0{8 if is_long else 3}X}"
+    return f"{text}#R{length}" if number & 0x4000_0000 else f"{text}#{data[12 : 12 + length].hex()}"
 
 
 def _worded(identifier: str, rest: str, *, is_json: bool) -> str:

@@ -49,6 +49,13 @@ _CUT = re.compile(rf"[\s,;:>\])'\"]{{0,3}}(?:\.\.\.|…|{HIDDEN})")
 """What stands behind bytes in place of the others."""
 _CODE = re.compile(r"(?:=\s*\[?|\{)\s*~|~\s*(?:,\s*$|[};])")
 """Where bytes stand in the code of a program: ~ are they."""
+_BYTE = r"(?:0[xX][0-9A-Fa-f]{1,2}|\d{1,3})\b"
+_BUILDS = re.compile(
+    rf"\b(?P<list>\w+)\s*(?:\[\w*\]\s*)?=\s*[\[{{]\s*(?P<bytes>{_BYTE}(?:\s*,\s*{_BYTE})*)\s*,?\s*[\]}}]|"
+    rf"\b(?P<set>\w+)\[(?P<at>\d{{1,3}})\]\s*=\s*(?P<byte>{_BYTE})|"
+    rf"\b(?P<add>\w+)\.(?:push_back|append|push|add|write)\(\s*(?P<more>{_BYTE})\s*\)"
+)
+"""A list of bytes in the code of a program, a byte that is set in it, and one that is added."""
 _LEAST = 5
 """So many bytes in one notation are no date, time or address of a host."""
 _MAC = 6
@@ -147,7 +154,37 @@ def read_posted(lines: list[str], least: int = _LEAST) -> list[Posted]:
             found.append(Posted(LogEntry(number, data, sent, from_client), why))
             last = end
         above = "" if last else line.strip() or above
-    return found
+    return sorted([*found, *_built(lines)], key=lambda posted: posted.entry.line)
+
+
+def _built(lines: list[str]) -> Iterator[Posted]:
+    """Yield the frames of RTU that code puts together, each where its CRC is complete. A byte that is set after others
+    were added begins another branch of the code, from the first bytes on.
+
+    >>> code = ["f = [1, 0x83, 0]", "f[2] = 2", "f.append(0xC0)", "f.append(0xF1)"]
+    >>> [(found.entry.line, found.entry.data.hex()) for found in _built(code)]
+    [(4, '018302c0f1')]
+    """
+    lists: dict[str, tuple[int, bytearray]] = {}  # by name: how many are the first bytes, and all
+    for number, line in enumerate(lines, start=1):
+        for step in _BUILDS.finditer(line) if "=" in line or "(" in line else ():
+            name = step["list"] or step["set"] or step["add"]
+            written = re.findall(_BYTE, step["bytes"] or step["byte"] or step["more"])
+            numbers = [int(byte, 16 if byte[1:2] in ("x", "X") else 10) for byte in written]
+            if step["list"]:
+                data = bytes(number for number in numbers if number <= 0xFF)
+                lists[name] = len(data), bytearray(data)
+                continue
+            first, frame = lists.setdefault(name, (0, bytearray()))
+            at = len(frame) if step["add"] else int(step["at"])
+            if step["set"] and 0 < first < len(frame) and at < first:
+                del frame[first:]
+            if at <= len(frame) and numbers[-1] <= 0xFF:
+                frame[at : at + 1] = bytes((numbers[-1],))
+            if (pdu := frame_pdu("rtu", bytes(frame))) is not None:
+                asks = shapes(pdu)[0] or None
+                yield Posted(LogEntry(number, bytes(frame), None, asks), "a frame that code puts together")
+                del frame[len(frame) if step["set"] and not first else first :]
 
 
 def _rows(line: str, least: int) -> Iterator[tuple[int, int, bytes, str]]:
