@@ -125,6 +125,7 @@ HALVES: dict[str, list[tuple[str, ...]]] = {
     "drive-state": [("word",), ("state",)],
     "drive-command": [("word",), ("command",)],
     "cob-entry": [("value",)],
+    "heartbeat-consumer": [("bytes",)],
 }
 """By kind: the fields that are one half of a comparison."""
 

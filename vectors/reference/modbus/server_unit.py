@@ -147,6 +147,7 @@ class Unit:
         demand(1 <= reads <= 125 and 1 <= writes <= 121 and count == 2 * writes == len(pdu) - 10, 3)
         self.exists(HOLDING, read, reads)
         self.writable(HOLDING, write, writes)
+        self.device(HOLDING, read, reads)
         self.store(HOLDING, write, [word(pdu, at) for at in range(10, len(pdu), 2)])
         return bytes((pdu[0], 2 * reads)) + packed(self.tables[HOLDING][read + place] for place in range(reads))
 
