@@ -9,6 +9,13 @@ from barewire_workbench.diagnosis.verdict import LineVerdict
 from tests.helpers import every_case
 
 
+def sentence_of(text: str) -> str:
+    """The verdict on a text without bytes, in words."""
+    verdict = verdict_without_bytes(text)
+    assert verdict is not None
+    return verdict.sentence
+
+
 @every_case(
     ("text", "states", "program"),
     [
@@ -47,9 +54,8 @@ def test_the_verdict_says_what_the_words_state_and_how_to_get_the_bytes(text: st
 
 
 def test_a_can_controller_without_errors_counts_none() -> None:
-    verdict = verdict_without_bytes("no frames: can state ERROR-ACTIVE (berr-counter tx 0 rx 0) restart-ms 100")
-    assert verdict is not None
-    assert "counts errors" not in verdict.sentence
+    sentence = sentence_of("no frames: can state ERROR-ACTIVE (berr-counter tx 0 rx 0) restart-ms 100")
+    assert "counts errors" not in sentence
 
 
 @pytest.mark.parametrize("text", ["a shopping list", "01 03 00 0G", "", "12.5", "abc\0def: it failed"])
@@ -71,10 +77,9 @@ def test_what_is_no_message_has_no_verdict(text: str) -> None:
     ],
 )
 def test_words_of_the_field_and_of_a_failure_are_a_message(text: str, states: str, program: str) -> None:
-    verdict = verdict_without_bytes(text)
-    assert verdict is not None
-    assert states in verdict.sentence
-    assert program in verdict.sentence
+    sentence = sentence_of(text)
+    assert states in sentence
+    assert program in sentence
 
 
 @every_case(
@@ -98,15 +103,13 @@ def test_words_of_the_field_and_of_a_failure_are_a_message(text: str, states: st
     ],
 )
 def test_settings_code_and_what_people_write_are_no_messages(text: str) -> None:
-    verdict = verdict_without_bytes(text)
-    assert verdict is not None
-    assert "no message that is known here" in verdict.sentence
+    sentence = sentence_of(text)
+    assert "no message that is known here" in sentence
 
 
 def test_the_words_are_shown_with_their_line() -> None:
-    verdict = verdict_without_bytes("I try to read my meter.\nIt prints\nModbus Error: No Response received")
-    assert verdict is not None
-    assert '"No Response" (line 3): no answer came in time' in verdict.sentence
+    sentence = sentence_of("I try to read my meter.\nIt prints\nModbus Error: No Response received")
+    assert '"No Response" (line 3): no answer came in time' in sentence
 
 
 @pytest.mark.parametrize(
@@ -170,9 +173,8 @@ def test_bytes_without_a_word_about_a_failure_are_a_recording_that_is_wrong() ->
     ],
 )
 def test_a_message_means_what_its_words_say_and_no_cause_is_guessed(text: str, states: str) -> None:
-    verdict = verdict_without_bytes(text)
-    assert verdict is not None
-    assert states in verdict.sentence
+    sentence = sentence_of(text)
+    assert states in sentence
 
 
 @every_case(
@@ -242,9 +244,8 @@ def test_words_beside_bytes_are_said_and_not_seen(text: str, codes: set[str], sa
     ],
 )
 def test_messages_of_the_field_are_known(text: str, states: str) -> None:
-    verdict = verdict_without_bytes(text)
-    assert verdict is not None
-    assert states in verdict.sentence
+    sentence = sentence_of(text)
+    assert states in sentence
 
 
 @every_case(
@@ -259,12 +260,11 @@ def test_messages_of_the_field_are_known(text: str, states: str) -> None:
     ],
 )
 def test_no_cause_is_listed(text: str) -> None:
-    verdict = verdict_without_bytes(text)
-    assert verdict is not None
-    assert verdict.sentence.startswith('verdict: undecided: "')
-    assert "[no-bytes]: no frame is read in this text, so that no cause is proved; " in verdict.sentence
+    sentence = sentence_of(text)
+    assert sentence.startswith('verdict: undecided: "')
+    assert "[no-bytes]: no frame is read in this text, so that no cause is proved; " in sentence
     for word in ("wires", "DE,", "termination", "parity", "baud", "another unit", "is off", "noise", "registers"):
-        assert word not in verdict.sentence
+        assert word not in sentence
 
 
 @every_case(
@@ -283,9 +283,8 @@ def test_no_cause_is_listed(text: str) -> None:
     ],
 )
 def test_messages_of_programs_that_say_more_than_a_time_out(text: str, said: str) -> None:
-    verdict = verdict_without_bytes(text)
-    assert verdict is not None
-    assert said in verdict.sentence
+    sentence = sentence_of(text)
+    assert said in sentence
 
 
 def test_what_the_text_holds_is_not_asked_for() -> None:
@@ -317,9 +316,8 @@ def test_what_the_text_holds_is_not_asked_for() -> None:
     ],
 )
 def test_two_numbers_of_a_message_say_what_was_expected_and_what_came(text: str, states: str) -> None:
-    verdict = verdict_without_bytes(text)
-    assert verdict is not None
-    assert states in verdict.sentence
+    sentence = sentence_of(text)
+    assert states in sentence
 
 
 @pytest.mark.parametrize(
@@ -331,10 +329,9 @@ def test_two_numbers_of_a_message_say_what_was_expected_and_what_came(text: str,
     ],
 )
 def test_other_numbers_are_no_mismatch(text: str) -> None:
-    verdict = verdict_without_bytes(text)
-    assert verdict is not None
-    assert "not 4" not in verdict.sentence
-    assert "not 3" not in verdict.sentence
+    sentence = sentence_of(text)
+    assert "not 4" not in sentence
+    assert "not 3" not in sentence
 
 
 @pytest.mark.parametrize(

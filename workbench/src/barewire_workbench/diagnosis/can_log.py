@@ -418,11 +418,12 @@ class BusDiagnosis:
             proofs += self._error_frame(item, now)
         elif item is not None and not isinstance(item, Dropped):
             self._errors = 0 if sent is not True else self._errors
-            if not self._judged and isinstance(item, CanFrame) and item.data and 0x10 <= item.data[0] < 0x33:
-                proofs += [Proved(0, finding) for finding in self._iso_messages.take(item)]
-            if not self._judged and _is_iso_tp(item):
-                self._iso_tp += 1
-                item = item._replace(id=0x7FF)  # which no service of CANopen uses
+            if not self._judged and isinstance(item, CanFrame):
+                if item.data and 0x10 <= item.data[0] < 0x33:
+                    proofs += [Proved(0, finding) for finding in self._iso_messages.take(item)]
+                if _is_iso_tp(item):
+                    self._iso_tp += 1
+                    item = item._replace(id=0x7FF)  # which no service of CANopen uses
             self.counts.note(item, now, sent)
             if isinstance(item, CanFrame):
                 proofs += self._frame(item, now, line)
@@ -719,10 +720,10 @@ class BusDiagnosis:
             yield Proved(event.node, Finding("restart", text, "a boot-up message without a reset command before it"))
 
 
-def _is_iso_tp(frame: AnyFrame) -> bool:
+def _is_iso_tp(frame: CanFrame) -> bool:
     """Return whether 8 bytes with an identifier of error control, or a higher one, begin as ISO-TP has them: the length
     of one frame, of the first of several, a number, or flow control. A state has its byte alone, or zeros behind it."""
-    is_high = isinstance(frame, CanFrame) and 0x700 < frame.id <= 0x7FF and frame.id not in _LSS and not frame.remote
+    is_high = 0x700 < frame.id <= 0x7FF and frame.id not in _LSS and not frame.remote
     return is_high and len(frame.data) == 8 and 0 < frame.data[0] < 0x40 and any(frame.data[1:])
 
 

@@ -35,8 +35,6 @@ from barewire_workbench.frames.findings import Finding
 from barewire_workbench.frames.modbus import explain_tcp
 from barewire_workbench.frames.result import Explanation, FrameRole, counted
 
-_COUNTED, _VALUES = (1, 2, 3, 4), 9
-"""Functions whose response has its byte count behind them, and where the values begin then."""
 _MOST = 2000
 """Longer input is a recording."""
 
@@ -229,9 +227,10 @@ def _cut(data: bytes, role: FrameRole | None) -> Iterator[Finding]:
         text = f"the beginning of a frame, {counted(to_come)} to come"
         yield Finding("cut-frame", text, proof)
     for rest in _begun(data, role):
-        is_counted = rest.role == "response" and data[PREFIX + 1] in _COUNTED and len(data) > _VALUES
-        count = f"; the byte count is {data[_VALUES - 1]}, and {len(data) - _VALUES} follow" if is_counted else ""
-        yield Finding("cut-frame", rest.text(), proof + count)
+        pdu = data[PREFIX + 1 :]
+        counts = byte_counts(pdu, rest.role) if rest.role == "response" else []
+        said = [f"the byte count is {pdu[place]}, and {follow} follow" for place, follow in counts if follow]
+        yield Finding("cut-frame", rest.text(), "; ".join([proof, *said]))
 
 
 def _begun(data: bytes, role: FrameRole | None) -> list[Missing]:

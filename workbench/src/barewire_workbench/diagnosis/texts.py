@@ -15,7 +15,7 @@ from itertools import chain
 from typing import NamedTuple
 
 from barewire.canopen.abort_codes import AbortCode, abort_text
-from barewire.canopen.emcy import error_text
+from barewire.canopen.emcy import error_text, register_names
 from barewire.modbus.exceptions import exception_name
 from barewire_workbench.diagnosis.exchange import shown_digits
 from barewire_workbench.diagnosis.fragments import floats_of, pieces_of, readings_of
@@ -294,10 +294,6 @@ _OF_MISMATCH = (
 _BEFORE = 40
 """Characters before two numbers in which the word stands."""
 _ERROR_REGISTER = re.compile(r"\b(\d{1,3}) r(?:ead)? 0x1001 (?:0x)?0\b[^\n]*\n\s*\[\d+\] (?:0x)?([0-9A-Fa-f]{2})\b")
-_REGISTER_BITS = (
-    "generic error", "current", "voltage", "temperature", "communication", "device profile", "reserved", "manufacturer",
-)  # fmt: skip
-"""The bits of the error register [CiA 301 7.5.2.2]."""
 _QUEUE = re.compile(r"\bqlen (\d+)\b")
 _LAST_UNIT = 247
 _NO_VALUE = re.compile(
@@ -499,9 +495,9 @@ def _mismatches(text: str) -> Iterator[_Stated]:
         what = next((what for noun, what in _OF_MISMATCH if noun.search(before + words[0])), None)
         if wanted == came or what is None or "transaction" in before + words[0]:
             continue
-        expected, is_refusal = int(wanted) if what == _LENGTH and wanted.isdecimal() else 0, False
-        if came == str(_REFUSAL) and expected > _REFUSAL:
-            is_refusal = True
+        expected = int(wanted) if what == _LENGTH and wanted.isdecimal() else 0
+        is_refusal = came == str(_REFUSAL) and expected > _REFUSAL
+        if is_refusal:
             yield _Stated.by(words, f"5 bytes came where {expected} were expected: the length of a refusal")
         if expected > _LONGEST_ANSWER:
             asked = (expected - _REFUSAL) // 2
@@ -517,9 +513,8 @@ def _registers(text: str) -> Iterator[_Stated]:
         read.setdefault(words[1], []).append(words)
     for node, found in read.items():
         values = [int(words[2], 16) for words in found]
-        bits = [
-            f"{1 << at:02X}h is {name}" for at, name in enumerate(_REGISTER_BITS) if any(v >> at & 1 for v in values)
-        ]
+        marks = [1 << bit for bit in range(8) if any(value >> bit & 1 for value in values)]
+        bits = [f"{mark:02X}h is {name} error" for mark in marks for name in register_names(mark)]
         shown = "; ".join([", ".join(f"{value:02X}h" for value in values), *bits])
         yield _Stated.by(found[0], f"the error register 1001h of node {node} is read as {shown}")
 
