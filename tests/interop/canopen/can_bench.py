@@ -34,12 +34,11 @@ from barewire.io.ports.can.interfaces import can_port
 from barewire.io.ports.can.memory import MemoryPort
 from barewire.io.ports.can.python_can import CanPort
 from barewire.io.ports.can.socketcan import SocketCanPort
+from tests.helpers import PATIENCE
 from tests.interop.canopen.can_hubs import hub
 
 Result = TypeVar("Result")
 NODE = 5
-PATIENCE = 30.0
-"""Seconds to wait for a frame where one must come: a busy computer may stand still for longer than the usual one."""
 ADDRESS = LssAddress(0x0000_0100, 0x0001_0000, 0x0000_0002, 0x8000_0001)  # few ones: each is a time-out in a fastscan
 TPDO_MAPPING = (0x60410010, 0x60FF0020)
 RPDO_MAPPING = (0x60400010, 0x60FF0020)

@@ -16,8 +16,8 @@ from pathlib import Path
 from barewire.canopen import CanFrame, NmtCommand, NmtState, download, send_nmt
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.socketcan import SocketCanPort
-from tests.helpers import BAREWIRE
-from tests.interop.canopen.can_bench import ADDRESS, NODE, PATIENCE, Bench
+from tests.helpers import BAREWIRE, PATIENCE
+from tests.interop.canopen.can_bench import ADDRESS, NODE, Bench
 from tests.interop.canopen.canopen_exchanges import exchange
 from tests.interop.canopen.guest import ROOT
 

@@ -20,7 +20,8 @@ import pytest
 from barewire.canopen import (
     NmtState,
 )
-from tests.interop.canopen.can_bench import ADDRESS, NODE, PATIENCE, Bench
+from tests.helpers import PATIENCE
+from tests.interop.canopen.can_bench import ADDRESS, NODE, Bench
 
 LENGTHS = (5, 7, 8, 100, 889, 1000)
 VALUES = (

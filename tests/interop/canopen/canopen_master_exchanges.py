@@ -27,7 +27,8 @@ from barewire.canopen import (
     upload,
     write_pdo,
 )
-from tests.interop.canopen.can_bench import NODE, PATIENCE, RPDO_MAPPING, TPDO_MAPPING, Bench
+from tests.helpers import PATIENCE
+from tests.interop.canopen.can_bench import NODE, RPDO_MAPPING, TPDO_MAPPING, Bench
 from tests.interop.canopen.canopen_exchanges import LENGTHS, VALUES, counting, exchange
 
 

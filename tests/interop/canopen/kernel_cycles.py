@@ -19,10 +19,9 @@ from barewire.canopen import CanFrame, CyclicProducer, NmtState
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.can.interfaces import can_port
 from barewire.io.ports.can.socketcan import SocketCanPort
-from tests.interop.canopen.link_down import link
+from tests.interop.canopen.link_down import PATIENCE, link
 
 URL = "can://socketcan/vcan0"
-PATIENCE = 30.0
 MASTER = f"""
 from barewire import CanopenClient
 with CanopenClient({URL!r}) as client, client.sync.start(0.005, overflow=3, by="kernel") as sync:

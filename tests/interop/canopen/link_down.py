@@ -21,7 +21,7 @@ from barewire.io.ports.can.interfaces import can_port
 from barewire.io.ports.can.socketcan import SocketCanPort
 
 URL = "can://socketcan/vcan0?node=5&timeout=3"
-PATIENCE = 30.0
+PATIENCE = 30.0  # as tests.helpers, which needs packages that the guest does not have
 LONG = bytes(range(256)) * 4096
 
 

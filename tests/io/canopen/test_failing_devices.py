@@ -17,9 +17,9 @@ from barewire.canopen.communication_objects import standard_objects
 from barewire.codecs import Value
 from barewire.errors import PortError
 from barewire.io.canopen.bus.node_runner import NodeStatistics
+from tests.helpers import PATIENCE
 
 pytest.importorskip("can")
-PATIENCE = 30.0
 LOGGERS = {
     "CanopenServer": "server",
     "AsyncCanopenServer": "server",

@@ -28,12 +28,12 @@ from barewire.canopen.emcy import EmcyEvent
 from barewire.devices.sim import simulator
 from barewire.errors import EncodeError
 from barewire.io.canopen.bus.shared_bus import CanBus
+from tests.helpers import PATIENCE
 from tests.io.canopen.either_client import KINDS, get, run_with
 from tests.io.canopen.memory_bus import MemoryPort, device
 
 pytest.importorskip("can")
 BUS_OFF, RESTARTED = ErrorFrame(0x40, bytes(8)), ErrorFrame(0x100, bytes(8))
-PATIENCE = 30.0
 
 
 def thermometer() -> LocalNode:

@@ -6,7 +6,7 @@ import struct
 import subprocess
 from collections.abc import Iterator
 from functools import cache
-from itertools import pairwise
+from itertools import cycle, pairwise
 from pathlib import Path
 from typing import Any
 
@@ -100,7 +100,8 @@ def candump_dates() -> str:
 
 def candump_in_colours() -> str:
     lines = [columns(f" ({at:017.6f})", frame) for at, frame in frames()]
-    return "\n".join(line.replace("can0", "\x1b[32mcan0\x1b[0m") for line in lines)
+    escapes = cycle(["\x1b", "^[", "\\e"])  # the others are how editors and shells show it
+    return "\n".join(line.replace("can0", f"{escape}[32mcan0{escape}[0m") for line, escape in zip(lines, escapes))
 
 
 def candump_swapped() -> str:

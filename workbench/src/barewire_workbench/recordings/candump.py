@@ -35,13 +35,21 @@ from barewire.canopen.frame import BASE_MAX, DATA_MAX, EXTENDED_MAX, AnyFrame, C
 from barewire.errors import DecodeError
 from barewire_workbench.frames.input import HEX_DIGITS, HEX_PREFIX, parse_hex_token
 from barewire_workbench.frames.result import counted, text_error
-from barewire_workbench.recordings.model import FD_LENGTHS, FD_MAX, Dropped, Recorded, RecordedItem, split_lines, unread
+from barewire_workbench.recordings.model import (
+    FD_LENGTHS,
+    FD_MAX,
+    Dropped,
+    Recorded,
+    RecordedItem,
+    split_lines,
+    unread,
+    without_colours,
+)
 
 _STEP = 0.001
 """Seconds between two lines without times."""
 _ERROR_FLAG = 0x2000_0000
 
-_ANSI = re.compile(r"\x1b\[[0-9;]*m")
 _DROPS = re.compile(r"DROPCOUNT: dropped (\d+) CAN frames? on '([^']*)'")
 _LOG = re.compile(r"\((\d{1,12}(?:\.\d{1,12})?)\)\s+(\S+)\s+([0-9A-Fa-f]+#\S*)(?:\s+[RT])?\s*$")
 _NUMBER = re.compile(r"\d{1,12}(?:\.\d{1,12})?", re.ASCII)
@@ -59,20 +67,16 @@ _COLUMNS = re.compile(
 
 def _plain(line: str) -> str:
     """Return a line without colours and marks of Markdown, with a time of day as candump writes it."""
-    plain = _uncoloured(line).replace("**", "").strip().strip("`")
+    plain = without_colours(line).replace("**", "").strip().strip("`")
     if ":" not in plain:  # most lines: a recording has a million of them
         return plain
     return _CLOCK.sub(lambda clock: f"(1970-01-01 {clock[1]}) {'' if clock[2] else 'can0 '}", plain, count=1)
 
 
-def _uncoloured(line: str) -> str:
-    return _ANSI.sub("", line) if "\x1b" in line else line
-
-
 def _frame_texts(text: str | Iterable[str]) -> Iterator[tuple[int, str, str]]:
     """Yield the number and the text of each line that may hold a frame, and what is plain of each frame in it."""
     for number, line in enumerate(split_lines(text), start=1):
-        uncoloured = _uncoloured(line)
+        uncoloured = without_colours(line)
         if not uncoloured.strip() or uncoloured.startswith("\t") or uncoloured.lstrip().startswith("# "):
             continue  # empty, the text of -e for the error frame above, a comment
         plain = _plain(uncoloured)

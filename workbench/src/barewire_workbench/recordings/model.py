@@ -9,6 +9,7 @@
 
 from __future__ import annotations
 
+import re
 from collections.abc import Iterable, Iterator
 from typing import NamedTuple, TypeAlias
 
@@ -73,11 +74,20 @@ class LeftOut:
 RecordedItem: TypeAlias = Recorded | Dropped | Unread
 
 _TEXT_SHOWN = 60
+_ESCAPES = ("\x1b", "#033", "^[", "\\u001b", "\\e", "\u241b")
+"""The character that begins a colour of a terminal, also as rsyslog and editors show it."""
+_COLOURS = re.compile(rf"(?:{'|'.join(map(re.escape, _ESCAPES))})\[[0-9;]{{0,20}}[mK]")
+"""What sets the colours of a terminal."""
 
 
 def split_lines(text: str | Iterable[str]) -> Iterable[str]:
     """Return the lines of a text; lines that come one by one, as of a pipe, are returned as they are."""
     return text.splitlines() if isinstance(text, str) else text
+
+
+def without_colours(line: str) -> str:
+    """Return a line without what sets the colours of a terminal."""
+    return _COLOURS.sub("", line) if "[" in line and any(escape in line for escape in _ESCAPES) else line
 
 
 def unread(at: float, line: int, error: DecodeError | str, text: str) -> Unread:

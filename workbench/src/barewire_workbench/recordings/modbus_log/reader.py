@@ -69,7 +69,7 @@ from barewire_workbench.recordings.modbus_log.programs import (
     read_pymodbus,
     read_syscalls,
 )
-from barewire_workbench.recordings.model import LeftOut, Unread, unread
+from barewire_workbench.recordings.model import LeftOut, Unread, unread, without_colours
 from barewire_workbench.recordings.source import RecordingSource
 from barewire_workbench.sniffer import readable, shapes
 
@@ -220,10 +220,6 @@ _LOOKS_LIKE_BYTES = re.compile(
 )
 _FRAME = re.compile(r"FRAME=[^;]*")
 """The field of a frame in `DATE=...;FRAME=01-03-...;SLAVE=1;`, as monitors write it."""
-_ESCAPES = ("\x1b", "#033", "^[", "\\u001b", "\\e", "\u241b")
-"""The character that begins a colour of a terminal, also as rsyslog and editors show it."""
-_COLOURS = re.compile(rf"(?:{'|'.join(map(re.escape, _ESCAPES))})\[[0-9;]{{0,20}}[mK]")
-"""What sets the colours of a terminal."""
 _TIME_OF_DAY = re.compile(r"\s*[(\[]?\d{1,2}:\d{2}:\d")
 """Hours, minutes and seconds, as `parse_log` reads them: they begin again at midnight."""
 _HALF = re.compile(r"\b((?:[0-9A-Fa-f]{2} ){3,})([0-9A-Fa-f])\s*$")
@@ -285,8 +281,7 @@ def read_modbus_parts(
 
 def _plain(line: str) -> str:
     """Return a line without colours, and without the text of a comment."""
-    if "[" in line and any(escape in line for escape in _ESCAPES):
-        line = _COLOURS.sub("", line)
+    line = without_colours(line)
     return "" if line.lstrip().startswith("#") else line
 
 
