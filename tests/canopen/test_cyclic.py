@@ -2,14 +2,30 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from typing import Any
 
 import pytest
 
-from barewire.canopen import CanFrame, CyclicProducer, SyncProducer
+from barewire.canopen import (
+    BootSlave,
+    CanFrame,
+    CyclicProducer,
+    Guard,
+    GuardingMaster,
+    NetworkList,
+    NmtCommand,
+    SyncProducer,
+    activate_bit_timing,
+    boot_network,
+    fastscan,
+    scan,
+    send_nmt,
+)
 from barewire.errors import EncodeError
-from tests.helpers import refused
+from tests.helpers import every_case, refused
 
+INF = float("inf")
 ONE, TWO = CanFrame.parse("301#01"), CanFrame.parse("302#02")
 
 
@@ -72,3 +88,25 @@ def test_wrong_frames_are_refused(frames: Any) -> None:
 def test_a_sync_producer_tells_all_its_frames(overflow: int) -> None:
     producer = SyncProducer(0.01, overflow=overflow, key=(0x99, True))
     assert producer.frames == tuple(producer.next_frame() for _ in range(max(1, overflow)))
+
+
+@every_case(
+    ("call", "wrong"),
+    [
+        (lambda seconds: next(activate_bit_timing(seconds)), (INF, -0.0001, 65.5354)),
+        (lambda seconds: GuardingMaster({5: Guard(seconds)}, 0.0), (INF, 0.0)),
+        (lambda seconds: BootSlave(5, guard_time=seconds), (INF, -1.0)),
+        (lambda seconds: BootSlave(5, heartbeat=seconds), (-1.0,)),
+        (lambda seconds: next(send_nmt(NmtCommand.START, 5, ask_every=seconds)), (INF, -1.0, 0.0)),
+        (lambda seconds: next(scan([5], gap=seconds)), (-1.0,)),
+        (lambda seconds: next(scan([5], listen=seconds)), (-1.0,)),
+        (lambda seconds: next(boot_network(NetworkList([]), listen=seconds)), (-1.0,)),
+        (lambda seconds: next(fastscan(floor=seconds)), (-1.0,)),
+    ],
+)
+def test_what_is_no_time_is_refused_before_anything_is_sent(
+    call: Callable[[float], object], wrong: tuple[float, ...]
+) -> None:
+    for seconds in (float("nan"), *wrong):
+        with pytest.raises(EncodeError):
+            call(seconds)

@@ -125,6 +125,17 @@ def test_history_is_read_and_cleared_by_1003h() -> None:
         objects.read(0x1003, 1)
 
 
+def test_an_error_with_too_much_information_is_not_recorded_and_none_is_cleared() -> None:
+    node = device()
+    with pytest.raises(EncodeError, match="6 bytes of manufacturer information"):
+        node.error(0x3210, 0.0, info=bytes(6))
+    assert (node.errors.active, node.errors.history, node.errors.register) == ((), (), 0)
+    assert texts(node.error(0x3210, 0.0, info=bytes(5))) == ["085#1032050000000000"]
+    with pytest.raises(EncodeError, match="6 bytes of manufacturer information"):
+        node.error_gone(0x3210, 1.0, info=bytes(6))
+    assert texts(node.error_gone(0x3210, 1.0)) == ["085#0000000000000000"]
+
+
 def test_messages_wait_for_the_inhibit_time() -> None:
     node = device()
     node.objects.set(0x1015, 0, 1000)  # 100 ms

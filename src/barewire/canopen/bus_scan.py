@@ -26,7 +26,7 @@ from barewire.canopen.nmt.messages import NodeState
 from barewire.canopen.sdo import Abort, ExpeditedUpload, InitiateUpload, decode_sdo_response
 from barewire.canopen.sdo.channel import Channel
 from barewire.conversation import Conversation, Heard, Listen, Send
-from barewire.errors import DecodeError
+from barewire.errors import DecodeError, EncodeError
 
 _DEVICE_TYPE = 0x1000
 _OBJECT = (_DEVICE_TYPE, 0)
@@ -111,6 +111,9 @@ def scan(
     >>> [(node.node, f"{node.device_type:08X}h", node.why) for node in result.nodes.values()]
     [(5, '00020192h', 'answered')]
     """
+    for name, seconds in (("gap", gap), ("listen", listen)):
+        if not seconds >= 0:
+            raise EncodeError(f"{name} {seconds} s: expected 0 or more", name)
     result = ScanResult()
     pending: dict[int, float] = {}  # node -> time of the request
     requested: dict[int, float] = {}  # the same of all requests

@@ -146,8 +146,7 @@ class Emergency:
 
     def encode(self) -> CanFrame:
         """Return the frame on 080h+n. Raise EncodeError for more than 5 bytes of manufacturer information."""
-        if len(self.info) > 5:
-            raise EncodeError(f"{len(self.info)} bytes of manufacturer information: expected at most 5")
+        _check_info(self.info)
         return CanFrame(
             cob_id("EMCY", self.node), self.layout.pack(self.code, self.register, tail=self.info.ljust(5, b"\0"))
         )
@@ -165,6 +164,11 @@ class Emergency:
             raise DecodeError("short", frame.data, len(frame.data), "the error code needs bytes 0..1")
         code, register, info = cls.layout.unpack(frame.data.ljust(8, b"\0"))
         return cls(service_and_node[1], code, register, info, padded=len(frame.data) < 8)
+
+
+def _check_info(info: bytes) -> None:
+    if len(info) > 5:
+        raise EncodeError(f"{len(info)} bytes of manufacturer information: expected at most 5")
 
 
 ERRORS_MAX = 64
@@ -359,8 +363,10 @@ class EmcyProducer:
     ) -> list[CanFrame]:
         """Record an error and return its emergency. `register` are its bits of 1001h; default: those of its class.
 
-        Raises EncodeError, and records nothing, for a code or register that is not a whole number of 16 or 8 bits.
+        Raises EncodeError, and records nothing, for a code or register that is not a whole number of 16 or 8 bits, and
+        for more than 5 bytes of `info`.
         """
+        _check_info(info)
         for name, number, limit in (("code", code, 0xFFFF), ("register", register, 0xFF)):
             is_default = number is None and name == "register"
             if not is_default and not (isinstance(number, int) and 0 <= number <= limit):
@@ -372,7 +378,9 @@ class EmcyProducer:
         return self._send(code, info, now)
 
     def error_gone(self, code: int, now: float, *, source: Hashable = None, info: bytes = b"") -> list[CanFrame]:
-        """Clear an error and return the message 0000h with the remaining register."""
+        """Clear an error and return the message 0000h with the remaining register. Raises EncodeError, and clears
+        nothing, for more than 5 bytes of `info`."""
+        _check_info(info)
         if self._active.pop((code, source), None) is None:
             return []
         return self._send(0, info, now)

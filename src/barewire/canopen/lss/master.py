@@ -182,10 +182,9 @@ def activate_bit_timing(delay: float) -> Conversation[CanFrame, float]:
     Return the time at which they send again; by then the caller must have changed the bit rate of its own port.
     Raise EncodeError for a delay outside 0..65.535 s.
     """
-    milliseconds = round(delay * 1000)
-    if not 0 <= milliseconds <= 0xFFFF:
+    if not 0 <= delay <= 65.535:
         raise EncodeError(f"switch delay {delay} s: expected 0..65.535")
-    body = milliseconds.to_bytes(2, "little")
+    body = round(delay * 1000).to_bytes(2, "little")
     now = yield from send_lss(LssMessage(LssService.ACTIVATE_BIT_TIMING, body))
     return now + 2 * delay
 
@@ -271,6 +270,8 @@ def fastscan(
     """
     if len(known) != 4:
         raise EncodeError(f"{len(known)} known parts: expected 4, None for an unknown one")
+    if not floor >= 0:
+        raise EncodeError(f"floor {floor} s: expected 0 or more", "floor")
     timing = _Timing(floor, timeout, floor)
     confirmed: list[int | None] = [None, None, None, None]
     unmatched = 0  # scans in which a known part was not confirmed

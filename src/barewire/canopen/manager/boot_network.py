@@ -31,7 +31,7 @@ from barewire.canopen.nmt.error_control import Guard, GuardEvent, GuardingMaster
 from barewire.canopen.nmt.messages import NmtCommand, NmtMessage, NmtState, NodeState
 from barewire.canopen.sdo import Channel
 from barewire.conversation import DEFAULT_TIMEOUT, Conversation, Heard, Listen, Send
-from barewire.errors import DecodeError
+from barewire.errors import DecodeError, EncodeError
 
 RETRY_TIME = 1.0
 """Seconds between two boot slave processes of a mandatory node that does not respond."""
@@ -446,6 +446,8 @@ def boot_network(
 
     With a boot time of 0, mandatory nodes are waited for without limit. Faults of nodes are in the result.
     """
+    if not listen >= 0:
+        raise EncodeError(f"listen {listen} s: expected 0 or more", "listen")
     manager = BootManager(network, timeout=timeout, channels=channels, progress=progress)
     heard: Heard[CanFrame] = yield Listen(float("-inf"))
     end = heard.now + listen

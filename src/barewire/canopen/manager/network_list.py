@@ -85,6 +85,9 @@ class BootSlave:
 
     def __post_init__(self) -> None:
         check_node(self.node)
+        if not (0 <= self.guard_time < float("inf") and self.heartbeat >= 0):
+            times = f"guard time {self.guard_time} s, heartbeat {self.heartbeat} s"
+            raise EncodeError(f"node {self.node}: {times}: expected 0 or more")
 
     def __repr__(self) -> str:
         names = "mandatory", "keep_alive", "check_program", "update_program"

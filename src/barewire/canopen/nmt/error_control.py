@@ -235,7 +235,7 @@ class GuardingMaster:
     def __init__(self, guards: Mapping[int, Guard], now: float) -> None:
         for node, guard in guards.items():
             check_node(node)
-            if not (guard.time > 0 and guard.factor >= 1):
+            if not (0 < guard.time < float("inf") and guard.factor >= 1):
                 raise EncodeError(f"guarding of node {node}: {guard}: expected a time above 0 and a factor from 1 on")
         # The requests to many nodes are spread over the guard time instead of sent in one burst.
         shares = {node: step / len(guards) for step, node in enumerate(guards)}

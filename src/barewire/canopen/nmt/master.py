@@ -19,6 +19,7 @@ from collections.abc import Callable, Collection, Iterable
 from typing import NamedTuple
 
 from barewire.canopen.cob_ids import check_node
+from barewire.canopen.cyclic import check_period
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import (
     STATE_AFTER,
@@ -66,8 +67,11 @@ def send_nmt(
     >>> play(send_nmt(NmtCommand.START, 5), node)[0]
     [NmtConfirmation(node=5, state=5, after=0.6)]
 
-    Raise NoAnswer with the last state that each unconfirmed node reported, or with what to do if it reported none.
+    Raise NoAnswer with the last state that each unconfirmed node reported, or with what to do if it reported none;
+    EncodeError for an `ask_every` that is not a number of seconds above 0.
     """
+    if ask_every is not None:
+        check_period("ask_every", ask_every)
     if confirmed_by is None:
         confirmed_by = [node] if node else []
     waiting = {check_node(number): "" for number in confirmed_by}  # with what each reported instead
