@@ -160,7 +160,7 @@ def test_the_canopen_client_loads_what_carries_an_object_and_no_other_service() 
     sdo, others = files(found, "barewire.canopen.sdo"), files(found, "barewire.canopen")
     assert sdo >= SDO
     assert "server" not in sdo
-    services = ("eds", "ascii_gateway", "device", "object_dictionary", "emcy", "sync", "time_stamp", "pdo")
+    services = ("eds", "device", "object_dictionary", "emcy", "sync", "time_stamp", "pdo")
     check_not_loaded({name.partition(".")[0] for name in others}, "barewire.canopen", *services)
     check_not_loaded(others, "barewire.canopen", "bus_scan", "nmt.error_control", "nmt.master")
 

@@ -63,11 +63,12 @@ WORKBENCH: dict[str, set[str]] = {
     "diagnosis": {"frames", "monitor", "recordings", "sniffer", "wire"},
     "pictures": {"frames", "monitor", "recordings", "sniffer", "steps", "wire"},
     "replay": {"frames", "monitor", "recordings", "sniffer"},
-    "vectors": {"conform", "recordings"},
+    "ascii_gateway": set(),
+    "vectors": {"ascii_gateway", "conform", "recordings"},
     "vendor": set(),
     "api": {"diagnosis", "frames", "recordings"},
     "value_log": set(),
-    "live": {"conform", "scan", "settings", "sniffer", "value_log", "vectors"},
+    "live": {"ascii_gateway", "conform", "scan", "settings", "sniffer", "value_log", "vectors"},
     "__init__": {"api", "frames"},
 }
 OFFERED = {"explain", "explain_exchange", "explain_text", "Explanation", "FrameRole", "__version__"}  # by its door

@@ -47,7 +47,6 @@ FILES:${PN}-canopen += "\
     ${PYTHON_SITEPACKAGES_DIR}/barewire/io/canopen \
     ${PYTHON_SITEPACKAGES_DIR}/barewire/io/ports/can \
     ${PYTHON_SITEPACKAGES_DIR}/barewire/io/server/can.py \
-    ${PYTHON_SITEPACKAGES_DIR}/barewire/io/server/ascii_gateway.py \
 "
 
 FILES:${PN}-devices += "${PYTHON_SITEPACKAGES_DIR}/barewire/devices"
@@ -77,7 +76,6 @@ RDEPENDS:${PN} = "\
 RDEPENDS:${PN}-canopen = "\
     ${PN}-devices \
     python3-datetime \
-    python3-netclient \
     python3-threading \
 "
 RDEPENDS:${PN}-devices = "\

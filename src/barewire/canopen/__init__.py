@@ -18,7 +18,6 @@ CAN delivers whole frames, so there is no framing here. The rooms and files, in 
     device/                `LocalNode`, a whole device             eds/     EDS and DCF files
     configuration/         a device and its DCF: compared, written
     manager/               boots a network: checks, configures, starts its nodes
-    ascii_gateway/         a CANopen network in lines of text, by CiA 309-3
 
 Two nodes communicate as two machines, or as a conversation and a machine; neither has a bus or a clock.
 """

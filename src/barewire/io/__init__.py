@@ -8,7 +8,7 @@
     log                what is logged, and the limit of lines
     machine            a machine by name, on Modbus or CANopen; `named_values`: its values; `drive`: its motion
     fault_injection/   faults in the answers of a server
-    server/            ModbusServer, AsyncModbusServer, CanopenServer; their limits; the ASCII gateway of CiA 309-3
+    server/            ModbusServer, AsyncModbusServer, CanopenServer; their limits
 
 `barewire` itself exports the clients, servers and machines; this package exports the rest.
 """

@@ -1,4 +1,4 @@
-"""The log and the statistics of buses, nodes, clients and the text gateway."""
+"""The log and the statistics of buses, nodes and clients."""
 
 from __future__ import annotations
 
@@ -12,10 +12,9 @@ import barewire
 from barewire.canopen import CanFrame, ErrorFrame
 from barewire.errors import NoAnswer, PortError
 from barewire.io import CanBus
-from barewire.io.server.ascii_gateway import GATEWAY_CONNECTIONS, serve_gateway
 from tests.helpers import PATIENCE
 
-LOGGERS = {name: f"barewire.canopen.{name}" for name in ("bus", "server", "client", "gateway")}
+LOGGERS = {name: f"barewire.canopen.{name}" for name in ("bus", "server", "client")}
 
 
 def lines(caplog: pytest.LogCaptureFixture, name: str) -> list[str]:
@@ -143,30 +142,3 @@ def test_frames_that_nothing_acknowledges(log: pytest.LogCaptureFixture) -> None
     assert "WARNING can://virtual/log-unsent: frame 185#01 not sent: can://test/can0: no acknowledgement" in found
     assert len(found) == 11
     assert f"({server.statistics.unsent - 11} more like this in the last" in found[-1]
-
-
-def test_the_connections_of_a_gateway_add_up(log: pytest.LogCaptureFixture) -> None:
-    async def main() -> None:
-        async with barewire.AsyncCanopenClient("can://virtual/log-gateway") as client:
-            async with await serve_gateway(client) as gateway:
-                counted = gateway.statistics
-                opened = [
-                    await asyncio.open_connection("127.0.0.1", gateway.port) for _ in range(GATEWAY_CONNECTIONS + 1)
-                ]
-                reader, writer = opened[0]
-                writer.write(b"[1] help\r\n")
-                await reader.readline()
-                assert (counted.opened, counted.refused, counted.commands) == (GATEWAY_CONNECTIONS + 1, 1, 1)
-                writer.close()
-                while not counted.left:
-                    await asyncio.sleep(0.01)
-            assert counted.opened == counted.left + counted.refused + counted.stopped
-            assert (counted.left, counted.stopped) == (1, GATEWAY_CONNECTIONS - 1)
-            for _, other in opened:
-                other.close()
-
-    asyncio.run(main())
-    found = lines(log, "gateway")
-    assert next(line for line in found if line.startswith("WARNING")).endswith("at most 64 connections: closed")
-    assert found[0].endswith(": serving net 1")
-    assert sum(line.endswith(" left, 63 in all") for line in found) == 1

@@ -1,3 +1,3 @@
 """Fixtures of tests on real ports: those of `tests/io`."""
 
-from tests.io.conftest import certificates as certificates, patient as patient
+from tests.io.conftest import certificates as certificates, log as log, patient as patient

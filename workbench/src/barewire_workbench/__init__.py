@@ -11,25 +11,26 @@
 
 The rooms in reading order. Only `live` and `cli` use clocks and ports; the others work on bytes and recordings.
 
-    sniffer      pairs the requests and responses of other stations on a Modbus line
-    frames/      any frame field by field: every byte is in exactly one field, however broken the frame is
-    recordings/  pcapng, candump, ASC, BLF, logs of programs; Modbus and CAN in them
-    monitor/     a monitor for CANopen buses: transfers, states, broken rules
-    wire         the levels of characters and CAN frames, and a receiver with other settings
-    steps/       checksums, times, values and words, worked out step by step
-    diagnosis/   what is wrong with a frame or a recording, proved by trials
-    pictures/    frames, levels, exchanges, drives and values as text, SVG and HTML
-    replay/      a recording played against a device or a client, and compared; the values in it
-    eds/         EDS files checked, and written from the description of a device
-    settings/    the settings of a device: the file that keeps them, what differs
-    scan/        the units of a line, their settings, addresses and names
-    value_log/   logs of values that are read periodically: rows, conditions, files that are whole after a power cut
-    conform/     the behaviour that every server and every CANopen device must show, as data
-    vectors/     the reference vectors, their questions, the judgement of answers
-    vendor/      a client or server of the stack as one file; its shorter parts are in live/one_file
-    live/        both batteries, scans, values, and the questions of vectors, on real ports
-    cli/         the command `barewire`, one file per command
-    api          `explain` and `explain_text`
+    sniffer         pairs the requests and responses of other stations on a Modbus line
+    frames/         any frame field by field: every byte is in exactly one field, however broken the frame is
+    recordings/     pcapng, candump, ASC, BLF, logs of programs; Modbus and CAN in them
+    monitor/        a monitor for CANopen buses: transfers, states, broken rules
+    wire            the levels of characters and CAN frames, and a receiver with other settings
+    steps/          checksums, times, values and words, worked out step by step
+    diagnosis/      what is wrong with a frame or a recording, proved by trials
+    pictures/       frames, levels, exchanges, drives and values as text, SVG and HTML
+    replay/         a recording played against a device or a client, and compared; the values in it
+    eds/            EDS files checked, and written from the description of a device
+    settings/       the settings of a device: the file that keeps them, what differs
+    scan/           the units of a line, their settings, addresses and names
+    value_log/      logs of values that are read periodically: rows, conditions, files that are whole after a power cut
+    conform/        the behaviour that every server and every CANopen device must show, as data
+    vectors/        the reference vectors, their questions, the judgement of answers
+    vendor/         a client or server of the stack as one file; its shorter parts are in live/one_file
+    ascii_gateway/  a CANopen network in lines of text, by CiA 309-3
+    live/           both batteries, scans, values, the questions of vectors, and this gateway, on real ports
+    cli/            the command `barewire`, one file per command
+    api             `explain` and `explain_text`
 
 A name loads its file when it is first used.
 """

@@ -10,5 +10,4 @@ The files, in reading order:
     serial              a thread, or an event loop
     asyncio_network     connections with and without TLS, datagrams
     can                 a node on a CAN bus; a bus between processes
-    ascii_gateway       the ASCII gateway of CiA 309-3: a CANopen network in lines of text over TCP
 """

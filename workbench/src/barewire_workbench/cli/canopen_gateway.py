@@ -11,14 +11,13 @@ import click
 
 from barewire import AsyncCanopenClient, __version__
 from barewire.canopen import LocalNode, pdos_of
-from barewire.canopen.ascii_gateway import GatewayNode
-from barewire.canopen.ascii_gateway.own_node import gateway_node
 from barewire.errors import EncodeError, shown
 from barewire.io.canopen.node import dictionary_of
 from barewire.io.endpoint import Endpoint
 from barewire.io.ports.network import place_of
-from barewire.io.server.ascii_gateway import serve_gateway
+from barewire_workbench.ascii_gateway.own_node import GatewayNode, gateway_node
 from barewire_workbench.cli.arguments import endpoint_argument
+from barewire_workbench.live.ascii_gateway import serve_gateway
 
 _LOOPBACK = "127.0.0.1:4501"
 

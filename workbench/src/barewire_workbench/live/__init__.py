@@ -1,4 +1,4 @@
-"""What runs on real ports: the batteries of `conform`, scans, listening in, and the questions of the vectors.
+"""What runs on real ports: the batteries of `conform`, scans, listening in, the questions of the vectors, a gateway.
 
     modbus_conformance     a Modbus server, over any transport
     canopen_conformance    a CANopen device, on any bus
@@ -14,6 +14,7 @@
     ports                  the serial ports and CAN interfaces of this machine
     results                the line of a case; the errors of a run that ended early, or did not begin; notes of errors
     vector_adapter         a program that answers the questions of the vectors
+    ascii_gateway          the gateway of CiA 309-3 on a TCP port: many connections, one bus
     one_file/              parts of the files that `barewire vendor` makes
 
 With `cli` the only room that has clocks and ports.

@@ -7,7 +7,6 @@ from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
-from barewire.canopen.ascii_gateway.session import GatewaySession
 from barewire.canopen.cob_ids import cob_id
 from barewire.canopen.communication_objects import lss_address
 from barewire.canopen.configuration.configure import ConciseValue
@@ -27,6 +26,7 @@ from barewire.canopen.sdo import BlockSettings, SdoServer, download, upload
 from barewire.codecs import Value
 from barewire.conversation import Conversation, Heard, Listen, play
 from barewire.errors import NoAnswer
+from barewire_workbench.ascii_gateway.session import GatewaySession
 from barewire_workbench.vectors.answers.values import START, Answers, hexed, number, octets, word
 from barewire_workbench.vectors.questions import Fields
 

@@ -13,11 +13,11 @@ import pytest
 
 from barewire import CanopenClient, CanopenServer
 from barewire.canopen import CanFrame, ErrorFrame
-from barewire.canopen.ascii_gateway.own_node import gateway_node
 from barewire.devices.sim import simulator
 from barewire.errors import EncodeError, PortError
 from barewire.io.canopen.async_client import AsyncCanopenClient
-from barewire.io.server.ascii_gateway import GATEWAY_CONNECTIONS, UNREAD_LIMIT, CanopenGateway, serve_gateway
+from barewire_workbench.ascii_gateway.own_node import gateway_node
+from barewire_workbench.live.ascii_gateway import GATEWAY_CONNECTIONS, UNREAD_LIMIT, CanopenGateway, serve_gateway
 from tests.helpers import PATIENCE, refused
 
 
@@ -342,6 +342,34 @@ def test_a_port_in_use_is_a_port_error() -> None:
 def test_any_other_client_is_refused_at_once(client: Any) -> None:
     with refused(EncodeError, "expected an AsyncCanopenClient"):
         asyncio.run(serve_gateway(client))
+
+
+def test_the_connections_of_a_gateway_add_up(log: pytest.LogCaptureFixture) -> None:
+    async def main() -> None:
+        async with AsyncCanopenClient("can://virtual/log-gateway") as client:
+            async with await serve_gateway(client) as gateway:
+                counted = gateway.statistics
+                opened = [
+                    await asyncio.open_connection("127.0.0.1", gateway.port) for _ in range(GATEWAY_CONNECTIONS + 1)
+                ]
+                reader, writer = opened[0]
+                writer.write(b"[1] help\r\n")
+                await reader.readline()
+                assert (counted.opened, counted.refused, counted.commands) == (GATEWAY_CONNECTIONS + 1, 1, 1)
+                writer.close()
+                while not counted.left:
+                    await asyncio.sleep(0.01)
+            assert counted.opened == counted.left + counted.refused + counted.stopped
+            assert (counted.left, counted.stopped) == (1, GATEWAY_CONNECTIONS - 1)
+            for _, other in opened:
+                other.close()
+
+    asyncio.run(main())
+    records = [record for record in log.records if record.name == "barewire.canopen.gateway"]
+    found = [f"{record.levelname} {record.getMessage()}" for record in records]
+    assert next(line for line in found if line.startswith("WARNING")).endswith("at most 64 connections: closed")
+    assert found[0].endswith(": serving net 1")
+    assert sum(line.endswith(" left, 63 in all") for line in found) == 1
 
 
 # The node of the gateway ----------------------------------------------------------------------------------------------

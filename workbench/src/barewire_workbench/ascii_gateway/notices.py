@@ -25,7 +25,14 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Literal
 
-from barewire.canopen.ascii_gateway.lines import (
+from barewire.canopen.emcy import EmcyConsumer
+from barewire.canopen.frame import CanFrame
+from barewire.canopen.nmt.error_control import Guard, GuardEvent, GuardingMaster, HeartbeatConsumer, HeartbeatEvent
+from barewire.canopen.object_dictionary import Entry, ObjectDictionary
+from barewire.canopen.pdo.config import RTR_AT_ONCE, PdoConfig
+from barewire.canopen.pdo.engine import PdoEngine
+from barewire.codecs import Value
+from barewire_workbench.ascii_gateway.lines import (
     TYPE_NAMES,
     GatewayCode,
     GatewayError,
@@ -34,13 +41,6 @@ from barewire.canopen.ascii_gateway.lines import (
     width,
     word_count,
 )
-from barewire.canopen.emcy import EmcyConsumer
-from barewire.canopen.frame import CanFrame
-from barewire.canopen.nmt.error_control import Guard, GuardEvent, GuardingMaster, HeartbeatConsumer, HeartbeatEvent
-from barewire.canopen.object_dictionary import Entry, ObjectDictionary
-from barewire.canopen.pdo.config import RTR_AT_ONCE, PdoConfig
-from barewire.canopen.pdo.engine import PdoEngine
-from barewire.codecs import Value
 
 # PDOs --------------------------------------------------------------------------------------------------------------
 

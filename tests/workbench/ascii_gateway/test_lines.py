@@ -5,12 +5,11 @@ from __future__ import annotations
 import pytest
 from hypothesis import given, strategies as st
 
-from barewire.canopen.ascii_gateway import GatewayError, GatewaySession
-from barewire.canopen.ascii_gateway.lines import TYPE_NAMES, from_text, split_line, to_text
-from barewire.canopen.ascii_gateway.session import parse_line
 from barewire.conversation import play
-from tests.canopen.ascii_gateway.test_session import answer_to
+from barewire_workbench.ascii_gateway.lines import TYPE_NAMES, GatewayError, from_text, split_line, to_text
+from barewire_workbench.ascii_gateway.session import GatewaySession, parse_line
 from tests.helpers import every_case
+from tests.workbench.ascii_gateway.test_session import answer_to
 
 
 @pytest.mark.parametrize("line", ["", "   ", "# a comment", "  # another"])

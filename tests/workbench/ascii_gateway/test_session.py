@@ -14,9 +14,10 @@ from barewire.canopen import (
     PdoConfig,
     standard_objects,
 )
-from barewire.canopen.ascii_gateway import GatewayCode, GatewaySession
 from barewire.codecs import Value
 from barewire.conversation import play
+from barewire_workbench.ascii_gateway.lines import GatewayCode
+from barewire_workbench.ascii_gateway.session import GatewaySession
 from tests.canopen.virtual_bus import VirtualBus
 
 ADDRESS = LssAddress(0x360, 0x10203, 0x20001, 0xDEADBEEF)

@@ -12,7 +12,6 @@ A service without a response ends with ERROR:103, except the global ones, which 
 
 from __future__ import annotations
 
-from barewire.canopen.ascii_gateway.lines import GatewayCode, GatewayError
 from barewire.canopen.cob_ids import NODE_MAX
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.master import (
@@ -31,6 +30,7 @@ from barewire.canopen.lss.master import (
 )
 from barewire.canopen.lss.messages import UNCONFIGURED, LssAddress, LssRefused, LssService, LssState
 from barewire.conversation import Conversation
+from barewire_workbench.ascii_gateway.lines import GatewayCode, GatewayError
 
 _ERROR_CODES = {
     (LssService.CONFIGURE_NODE, 1): GatewayCode.LSS_NODE_ID,

@@ -19,20 +19,6 @@ from functools import partial
 from typing import Any, Literal, NamedTuple
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
-from barewire.canopen.ascii_gateway import lss_commands as lss
-from barewire.canopen.ascii_gateway.lines import (
-    GatewayCode,
-    GatewayError,
-    Words,
-    error_line,
-    from_text,
-    sequence_of,
-    split_line,
-    to_text,
-    width,
-)
-from barewire.canopen.ascii_gateway.notices import EVENT, RTR, Notices, PdoSettings
-from barewire.canopen.ascii_gateway.own_node import GatewayNode
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.lss.master import store_configuration
 from barewire.canopen.lss.messages import LssRefused
@@ -43,6 +29,20 @@ from barewire.canopen.sdo.client import download, upload
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.conversation import Conversation, Heard, Listen, Send
 from barewire.errors import DecodeError, EncodeError, NoAnswer, shown
+from barewire_workbench.ascii_gateway import lss_commands as lss
+from barewire_workbench.ascii_gateway.lines import (
+    GatewayCode,
+    GatewayError,
+    Words,
+    error_line,
+    from_text,
+    sequence_of,
+    split_line,
+    to_text,
+    width,
+)
+from barewire_workbench.ascii_gateway.notices import EVENT, RTR, Notices, PdoSettings
+from barewire_workbench.ascii_gateway.own_node import GatewayNode
 
 _SDO_TIMEOUT = 0.5  # seconds, until `set sdo_timeout`
 MAX_LINE = 65_536

@@ -5,9 +5,9 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import CanFrame, Entry, LocalNode, LssAddress, ObjectDictionary, PdoConfig, standard_objects
-from barewire.canopen.ascii_gateway import GatewayNode, GatewaySession
-from barewire.canopen.ascii_gateway.own_node import gateway_node
 from barewire.conversation import play
+from barewire_workbench.ascii_gateway.own_node import GatewayNode, gateway_node
+from barewire_workbench.ascii_gateway.session import GatewaySession
 
 
 def numbered(node: int = 1) -> tuple[GatewaySession, GatewayNode]:

@@ -16,23 +16,3 @@ The syntax and the numbers are those of CiA 309-3. Its text is not public, so th
 follow it. What both leave open is stated where it is decided: unsigned numbers are written in decimal (`x16` for
 hexadecimal), a read without a type returns the bytes.
 """
-
-from typing import TYPE_CHECKING
-
-from barewire._lazy import lazy
-
-if TYPE_CHECKING:
-    from barewire.canopen.ascii_gateway.lines import GatewayCode as GatewayCode, GatewayError as GatewayError
-    from barewire.canopen.ascii_gateway.notices import Notices as Notices
-    from barewire.canopen.ascii_gateway.own_node import GatewayNode as GatewayNode
-    from barewire.canopen.ascii_gateway.session import GatewaySession as GatewaySession
-
-__getattr__, __dir__, __all__ = lazy(
-    __name__,
-    {
-        "lines": "GatewayCode GatewayError",
-        "notices": "Notices",
-        "own_node": "GatewayNode",
-        "session": "GatewaySession",
-    },
-)

@@ -19,9 +19,6 @@ from contextlib import suppress
 from dataclasses import dataclass
 from typing import Self
 
-from barewire.canopen.ascii_gateway.lines import GatewayCode, error_line
-from barewire.canopen.ascii_gateway.own_node import GatewayNode
-from barewire.canopen.ascii_gateway.session import MAX_LINE, GatewaySession
 from barewire.canopen.frame import CanFrame, ErrorFrame
 from barewire.conversation import Conversation
 from barewire.errors import EncodeError, PortError, shown
@@ -33,6 +30,9 @@ from barewire.io.canopen.bus_methods import LSS_LOCK, LSS_RECEIVES
 from barewire.io.canopen.operations import NO_FRAMES, NO_LOCKS, BusOperation, sdo_transfer
 from barewire.io.log import PortLog
 from barewire.io.ports.network import place_of, reason
+from barewire_workbench.ascii_gateway.lines import GatewayCode, error_line
+from barewire_workbench.ascii_gateway.own_node import GatewayNode
+from barewire_workbench.ascii_gateway.session import MAX_LINE, GatewaySession
 
 GATEWAY_CONNECTIONS = 64
 UNREAD_LIMIT = 0x10000
