@@ -173,6 +173,23 @@ class Parameter:
                 return f"{shown_value} ({', '.join(names) or 'no bit set'})"
         return shown_value
 
+    def shortened(self, value: Value) -> Value:
+        """Return the value with the fewest digits that are the same on the wire: a 32-bit float without the binary tail
+        that it has as a Python float. Any other value is as it was.
+
+        >>> Parameter("Ratio", "f32").shortened(0.20000000298023224), Parameter("Energy", "f64").shortened(300000.125)
+        (0.2, 300000.125)
+        """
+        if self.type != "f32" or not isinstance(value, float):
+            return value
+        scale, wire = float(self.scale), codec("f32")
+        try:
+            raw = wire.encode(value / scale)
+            texts = (f"{value:.{digits}g}" for digits in range(6, 10))  # nine digits tell all of them apart
+            return next((float(text) for text in texts if wire.encode(float(text) / scale) == raw), value)
+        except EncodeError:  # more than an f32 can hold
+            return value
+
     # Raw numbers, as the wire has them
 
     def to_raw(self, value: Value) -> Value:

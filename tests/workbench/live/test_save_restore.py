@@ -7,12 +7,14 @@ import random
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from dataclasses import replace
+from fractions import Fraction
 from typing import Any
 
 import pytest
 
 from barewire import CanopenServer, ModbusServer, connect, load
 from barewire.codecs import Value
+from barewire.devices import Device, ModbusAt, ModbusSettings, Parameter
 from barewire.devices.sim import adxl, simulator
 from barewire.errors import EncodeError, NoAnswer, PortError
 from barewire.io.machine import MachineClient
@@ -56,7 +58,7 @@ def changed(name: str) -> Any:
 
 
 @contextmanager
-def connected(name: str, machine: Any, **options: Any) -> Iterator[tuple[MachineClient, str]]:
+def connected(name: str | Device, machine: Any, **options: Any) -> Iterator[tuple[MachineClient, str]]:
     """Serve a simulated machine, and yield a client for it with its URL. With faults, the line is a serial one."""
     serial = "faults" in options
     with ModbusServer("rtu://pty" if serial else "tcp://127.0.0.1:0", {1: machine.modbus}, **options) as server:
@@ -68,15 +70,42 @@ def connected(name: str, machine: Any, **options: Any) -> Iterator[tuple[Machine
             yield client, url
 
 
-def saved_from(name: str, machine: Any) -> SavedSettings:
+def saved_from(name: str | Device, machine: Any) -> SavedSettings:
     with connected(name, machine) as (client, url):
         return save_settings(client, url)
 
 
-def restored(name: str, machine: Any, saved: SavedSettings, **options: Any) -> tuple[Restore, list[Change]]:
+def restored(name: str | Device, machine: Any, saved: SavedSettings, **options: Any) -> tuple[Restore, list[Change]]:
     with connected(name, machine) as (client, url):
         restore = Restore(client, saved, url, **options)
         return restore, list(restore.run())
+
+
+METER = Device(
+    "meter",
+    title="Energy meter",
+    modbus=ModbusSettings(),
+    parameters=(
+        Parameter("Limit", "u32", unit="kWh", scale=Fraction(1, 1000), modbus=ModbusAt("holding", 0, 2)),
+        Parameter("Energy", "f64", unit="kWh", modbus=ModbusAt("holding", 2, 4)),
+        Parameter("Ratio", "f32", modbus=ModbusAt("holding", 6, 2)),
+    ),
+)
+
+
+def test_a_value_is_saved_compared_and_restored_to_its_last_digit() -> None:
+    """As a 32-bit float each of the first two has a shorter text, which is another number on the wire."""
+    first, second = simulator(METER), simulator(METER)
+    for machine, energy in ((first, 300000.125), (second, 300000.12)):
+        for name, value in {"Limit": energy, "Energy": energy, "Ratio": 0.2}.items():
+            machine.store[name] = value
+    saved = saved_from(METER, first)
+    assert [value.value for value in saved.settings.values()] == [300000.125, 300000.125, 0.2]
+    assert [found.name for found in differences(saved, saved_from(METER, second))] == ["Limit", "Energy"]
+    _, changes = restored(METER, second, SavedSettings.parse(saved.text().encode(), "file"))
+    assert [change.parameter.name for change in changes] == ["Limit", "Energy"]
+    assert list(differences(saved, saved_from(METER, second))) == []
+    assert restored(METER, second, saved)[1] == []
 
 
 @pytest.mark.parametrize("name", ["csd-mt", "adxl", "az3"])

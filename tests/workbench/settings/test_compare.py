@@ -2,6 +2,12 @@
 
 from __future__ import annotations
 
+from fractions import Fraction
+
+import pytest
+
+from barewire.codecs import Value
+from barewire.devices import Parameter
 from barewire_workbench.settings.compare import SettingDifference, differences
 from barewire_workbench.settings.saved import SavedSettings, SavedValue
 
@@ -12,14 +18,30 @@ def of(values: dict[str, SavedValue], **others: object) -> SavedSettings:
 
 def test_values_units_and_what_one_side_has_alone() -> None:
     first = of({"a": SavedValue(1), "b": SavedValue(2, "A"), "c": SavedValue(0.2), "d": SavedValue(4)})
-    second = of(
-        {"e": SavedValue(5), "a": SavedValue(1), "b": SavedValue(2, "mA"), "c": SavedValue(0.20000000298023224)}
-    )
+    second = of({"e": SavedValue(5), "a": SavedValue(1), "b": SavedValue(2, "mA"), "c": SavedValue(0.2)})
     assert list(differences(first, second)) == [
         SettingDifference("b", SavedValue(2, "A"), SavedValue(2, "mA")),
         SettingDifference("d", SavedValue(4), None),
         SettingDifference("e", None, SavedValue(5)),
     ]
+
+
+@pytest.mark.parametrize(
+    ("type_", "scale", "pairs"),
+    [
+        ("f32", Fraction(1), [(0.2, 0.20000000298023224, True), (0.2, 0.2000001, False), (0.2, "0.2", False)]),
+        ("f64", Fraction(1), [(300000.125, 300000.12, False)]),
+        ("u32", Fraction(1, 1000), [(300000.125, 300000.12, False), (429496729.5, 429496705.0, False)]),
+    ],
+)
+def test_values_are_compared_as_they_are_on_the_wire(
+    type_: str, scale: Fraction, pairs: list[tuple[Value, Value, bool]]
+) -> None:
+    known = {"a": Parameter("a", type_, scale=scale)}
+    for left, right, is_same in pairs:
+        sides = of({"a": SavedValue(left)}), of({"a": SavedValue(right)})
+        assert (list(differences(*sides, known)) == []) is is_same, (left, right)
+        assert list(differences(*sides)), "without the description they are compared as they are in the files"
 
 
 def test_what_was_not_read_is_a_problem_and_no_difference_of_values() -> None:

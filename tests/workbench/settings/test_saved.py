@@ -30,6 +30,7 @@ def test_a_file_is_read_as_it_was_written(
     saved = SavedSettings("mine", "tcp://x", "My drive", time, words, settings, communication, words)
     again = SavedSettings.parse(saved.text().encode(), "file")
     assert again.text() == saved.text()
+    assert (again.settings, again.communication) == (settings, communication)  # to the last digit
     assert (again.device, again.source, again.title, again.time) == ("mine", "tcp://x", "My drive", time)
     assert (again.identity, again.not_read) == (words, words)
     assert [difference for difference in differences(saved, again) if not difference.problem] == []

@@ -10,7 +10,7 @@ from pathlib import Path
 
 import click
 
-from barewire.devices import Device
+from barewire.devices import Device, Parameter
 from barewire.errors import BarewireError, EncodeError
 from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.arguments import (
@@ -251,11 +251,21 @@ def diff_command(
     except BarewireError as error:
         note(text_with_notes(error))
         return 2
-    found = list(differences(first, second, communication=not no_communication))
+    known = _parameters(first.device)
+    found = list(differences(first, second, known, communication=not no_communication))
     _print(found, (a, b), as_csv, output)
     if any(difference.problem for difference in found):
         return 2
     return int(bool(found))
+
+
+def _parameters(name: str) -> dict[str, Parameter]:
+    """Return the settings of a device; none if its description is not at hand, since two files are compared without."""
+    try:
+        rules = SettingRules.of(device_with(name))
+    except BarewireError:
+        return {}
+    return {setting.name: setting.parameter for is_can in (True, False) for setting in rules.settings(is_can=is_can)}
 
 
 def _print(found: list[SettingDifference], sides: tuple[str, str], as_csv: bool, output: Output) -> None:

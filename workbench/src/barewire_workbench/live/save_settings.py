@@ -24,7 +24,7 @@ from barewire.io.machine import MachineClient
 from barewire_workbench.live import scan_canopen, scan_modbus
 from barewire_workbench.live.read_values import read_values
 from barewire_workbench.scan.identity import DeviceIdentity
-from barewire_workbench.settings.compare import same
+from barewire_workbench.settings.compare import same_setting
 from barewire_workbench.settings.rules import KeptSetting, SettingRules, without_unmapped
 from barewire_workbench.settings.saved import SavedSettings, saved_value
 
@@ -112,9 +112,10 @@ def confirmed_write(machine: MachineClient, url: str, name: str, value: Value, *
 
 def _has(machine: MachineClient, name: str, value: Value) -> bool:
     try:
-        return same(machine.read(name).value, value)
+        reading = machine.read(name)
     except (NoAnswer, DecodeError, Refused):
         return False
+    return same_setting(reading.parameter, reading.value, value)
 
 
 # What a machine is

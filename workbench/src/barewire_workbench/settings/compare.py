@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from types import MappingProxyType
 from typing import NamedTuple
 
 from barewire.codecs import Value, codec
 from barewire.devices import Parameter
 from barewire.errors import EncodeError
-from barewire_workbench.settings.saved import SavedSettings, SavedValue, number_text
+from barewire_workbench.settings.saved import SavedSettings, SavedValue, value_of
 
 
 class SettingDifference(NamedTuple):
@@ -35,20 +36,22 @@ COLUMNS = ("name", "a", "a_unit", "b", "b_unit", "error")
 
 
 def same(first: Value, second: Value) -> bool:
-    """Return whether two values are equal; a 32-bit float and its text without the binary tail are.
+    """Return whether two values are equal; not-a-number is equal to itself.
 
-    >>> same(0.2, 0.20000000298023224), same(0.2, 0.2000001), same(1, True), same(float("nan"), float("nan"))
-    (True, False, True, True)
-    >>> same(70, float("inf")), same(429496729.5, 429496705.0), same(4200000000, 4199999800.0)
-    (False, False, False)
+    >>> same(0.2, 0.20000000298023224), same(1, True), same(float("nan"), float("nan")), same(70, float("inf"))
+    (False, True, True, False)
     """
     if isinstance(first, float) and isinstance(second, float):
-        return number_text(first) == number_text(second)
+        return repr(first) == repr(second)
     return first == second
 
 
 def same_setting(parameter: Parameter, first: Value, second: Value) -> bool:
-    """Return whether two values of a parameter are the same on the wire."""
+    """Return whether two values of a parameter are the same on the wire.
+
+    >>> same_setting(Parameter("Ratio", "f32"), 0.2, 0.20000000298023224)
+    True
+    """
     if same(first, second):
         return True
     numbers = not isinstance(first, (str, bytes)) and not isinstance(second, (str, bytes))
@@ -62,9 +65,15 @@ def same_setting(parameter: Parameter, first: Value, second: Value) -> bool:
 
 
 def differences(
-    first: SavedSettings, second: SavedSettings, *, communication: bool = True
+    first: SavedSettings,
+    second: SavedSettings,
+    parameters: Mapping[str, Parameter] = MappingProxyType({}),
+    *,
+    communication: bool = True,
 ) -> Iterator[SettingDifference]:
-    """Yield the settings that differ, in the order of the first; then those that only the second has."""
+    """Yield the settings that differ, in the order of the first; then those that only the second has.
+
+    Of `parameters`, by name, values are compared as they are on the wire, those of others as they are in the files."""
     pairs = [(first.settings, second.settings)]
     if communication:
         pairs.append((first.communication, second.communication))
@@ -73,10 +82,19 @@ def differences(
             left, right = ours.get(name), theirs.get(name)
             if left is None or right is None:
                 yield SettingDifference(name, left, right, first.not_read.get(name) or second.not_read.get(name, ""))
-            elif left.unit != right.unit or not same(left.value, right.value):
+            elif left.unit != right.unit or not _same_saved(parameters.get(name), left, right):
                 yield SettingDifference(name, left, right)
     known = {*first.settings, *first.communication, *second.settings, *second.communication}
     for name in dict.fromkeys((*first.not_read, *second.not_read)):
         if name not in known:
             why = dict.fromkeys(side.not_read[name] for side in (first, second) if name in side.not_read)
             yield SettingDifference(name, None, None, "; ".join(why))
+
+
+def _same_saved(parameter: Parameter | None, first: SavedValue, second: SavedValue) -> bool:
+    if parameter is None:
+        return same(first.value, second.value)
+    try:
+        return same_setting(parameter, value_of(parameter, first), value_of(parameter, second))
+    except EncodeError:  # one of them is no value of the parameter
+        return same(first.value, second.value)

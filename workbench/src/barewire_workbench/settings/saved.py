@@ -20,8 +20,6 @@ when the file is restored; `address` is for people.
 from __future__ import annotations
 
 import json
-import math
-import struct
 import tomllib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
@@ -55,8 +53,13 @@ class SavedValue(NamedTuple):
 
 
 def saved_value(parameter: Parameter, value: Value, address: str = "") -> SavedValue:
-    """Return a value as it is in a file: bytes are text in hexadecimal."""
-    return SavedValue(value.hex(" ").upper() if isinstance(value, bytes) else value, parameter.unit, address)
+    """Return a value as it is in a file: bytes are text in hexadecimal, 32-bit floats have no binary tail.
+
+    >>> saved_value(Parameter("Ratio", "f32"), 0.20000000298023224).value
+    0.2
+    """
+    plain = value.hex(" ").upper() if isinstance(value, bytes) else parameter.shortened(value)
+    return SavedValue(plain, parameter.unit, address)
 
 
 def value_of(parameter: Parameter, saved: SavedValue) -> Value:
@@ -201,37 +204,16 @@ def _saved_value(item: object, where: str) -> SavedValue:
     return SavedValue(item["value"], unit, address)
 
 
-def number_text(value: float) -> str:
-    """Return the shortest text of a float that loses nothing: of a 32-bit float without its binary tail, of any other
-    float, such as a scaled integer, with all its digits.
-
-    >>> [number_text(value) for value in (0.20000000298023224, 0.2, 429496729.5, 4.0, float("inf"))]
-    ['0.2', '0.2', '429496729.5', '4.0', 'inf']
-    """
-    if math.isfinite(value) and not value.is_integer() and abs(value) < _F32_MAX and _as_f32(value) == value:
-        return next(
-            (text for digits in range(1, 9) if _as_f32(float(text := f"{value:.{digits}g}")) == value), repr(value)
-        )
-    return repr(value)
-
-
-def _as_f32(value: float) -> float:
-    return float(struct.unpack("f", struct.pack("f", value))[0])
-
-
-_F32_MAX = 3.4e38
-
-
 def _toml(value: Value) -> str:
     """Return a value as TOML has it.
 
-    >>> [_toml(value) for value in (True, 3000, 0.20000000298023224, 1e21, 4.0, "5 µm")]
-    ['true', '3000', '0.2', '1e+21', '4.0', '"5 µm"']
+    >>> [_toml(value) for value in (True, 3000, 300000.125, 1e21, 4.0, "5 µm")]
+    ['true', '3000', '300000.125', '1e+21', '4.0', '"5 µm"']
     """
     if isinstance(value, bool):
         return "true" if value else "false"
     if isinstance(value, float):
-        return number_text(value)
+        return repr(value)
     if isinstance(value, int):
         return str(value)
     # A basic string of TOML has the escapes of JSON, and none of the control characters, of which JSON leaves one.
