@@ -274,22 +274,19 @@ class _Connection:
     async def _answer(self, line: bytes) -> None:
         self._gateway.statistics.commands += bool(line.strip())
         text = line.decode("utf-8", "replace")
-        if self._session.target(text) == "own":
-            answer = await self._gateway.answer_own(self._session.answer(text))
+        conversation, target, client = self._session.answer(text), self._session.target(text), self._client
+        if target == "own":
+            answer = await self._gateway.answer_own(conversation)
+        elif target == "LSS":
+            answer = await client.carry_out(BusOperation(conversation, LSS_LOCK, LSS_RECEIVES))
+        elif target is None:
+            answer = await client.carry_out(BusOperation(conversation, NO_LOCKS, NO_FRAMES))
         else:
-            answer = await self._client.carry_out(self._operation(text))
+            answer = await client.carry_out(sdo_transfer(target, conversation, client.timeout))
         self.write(["\n".join(answer)])  # an empty line or a comment gets an empty line
         self._feed_notices(None, time.monotonic())
         self._subscriber.wake()  # the deadline of the other task may have changed
         await self._writer.drain()
-
-    def _operation(self, text: str) -> BusOperation[list[str]]:
-        conversation, target = self._session.answer(text), self._session.target(text)
-        if target is None or target == "own":
-            return BusOperation(conversation, NO_LOCKS, NO_FRAMES)
-        if target == "LSS":
-            return BusOperation(conversation, LSS_LOCK, LSS_RECEIVES)
-        return sdo_transfer(target, conversation, self._client.timeout)
 
     # Notices
 
