@@ -9,6 +9,7 @@ import signal
 import sqlite3
 import subprocess
 import sys
+import threading
 import time
 from collections.abc import Awaitable, Callable, Iterator
 from contextlib import ExitStack, contextmanager, suppress
@@ -24,7 +25,7 @@ from barewire import ModbusServer
 from barewire.devices.device import Device
 from barewire.devices.parameter import Parameter, Reading
 from barewire.errors import EncodeError, PortError
-from barewire.gateway.config import ConfigError, read_config
+from barewire.gateway.config import ConfigError, GatewayConfig, read_config
 from barewire.gateway.gateway import Gateway
 from barewire.gateway.publish.buffer import Buffer
 from barewire.gateway.publish.messages import Topics, discovery, reading_payload
@@ -793,3 +794,62 @@ def test_a_reload_keeps_a_buffer_that_is_empty(site: Site) -> None:
             assert gateway.publisher.buffer is buffer
 
     asyncio.run(main())
+
+
+def test_a_late_answer_does_not_become_a_value_of_the_publisher_that_follows(tmp_path: Path) -> None:
+    """A reload changes the parameter while the answer to the old one is late, on a line whose answers have no names."""
+    registers = (("Temperature", 1), ("Pressure", 2))
+    (tmp_path / "meter").mkdir()
+    (tmp_path / "meter" / "device.toml").write_text(METER)
+    rows = (
+        f'[[parameter]]\nname = "{name}"\ntype = "u16"\nholding = {place}\naccess = "ro"\n' for name, place in registers
+    )
+    (tmp_path / "meter" / "values.toml").write_text("".join(rows))
+    table = Table(10, holding_registers=[1000, 1100] * 5)
+    is_asked, may_answer = threading.Event(), threading.Event()
+
+    def hold(name: str, address: int, quantity: int) -> None:
+        is_asked.set()
+        may_answer.wait(WAIT)
+
+    table.on_read = hold
+
+    def config(parameter: str, timeout: float) -> GatewayConfig:
+        return read_config(f"""
+[publish]
+broker = "mqtt://127.0.0.1:{free_port()}"
+site = "x"
+[[publish.machine]]
+name = "m"
+url = "{server.url}&timeout={timeout}&late_window={WAIT}"
+device = "{tmp_path}/meter"
+parameters = ["{parameter}"]
+every = 0.02
+on_change = false
+""")
+
+    async def main() -> None:
+        async with Gateway(config("Temperature", 0.05)) as gateway, asyncio.timeout(WAIT):
+            old = gateway.publisher
+            assert old is not None
+            await asyncio.to_thread(is_asked.wait)
+            client: Any = old._lines[0].clients["m"].client
+            reload = asyncio.create_task(gateway.reload(config("Pressure", WAIT)))
+
+            def waits() -> bool:
+                return old._tasks[0].done() and client.connected
+
+            while not reload.done() and not waits():
+                await asyncio.sleep(0.01)
+            if reload.done():  # wrong: then the next request is sent before the answer
+                await asyncio.sleep(0.1)
+            may_answer.set()
+            await reload
+            assert gateway.publisher is not None
+            while len(gateway.publisher.buffer) < 1:
+                await asyncio.sleep(0.01)
+            rows = gateway.publisher.buffer.batch(9)
+            assert {(row.topic, json.loads(row.payload)["value"]) for row in rows} == {("barewire/x/m/pressure", 1100)}
+
+    with ModbusServer("rtu://pty?baudrate=115200&unit=7", {7: table}) as server:
+        asyncio.run(main())

@@ -37,6 +37,7 @@ from barewire.gateway.publish.schedule import PollGroup, PollSchedule, ValueFilt
 from barewire.io.endpoint import Endpoint
 from barewire.io.log import PortLog
 from barewire.io.machine import AsyncMachineClient
+from barewire.io.modbus.async_client import AsyncModbusClient
 from barewire.io.ports.network import reason
 
 if TYPE_CHECKING:
@@ -48,6 +49,8 @@ _PAUSES = (0.5, 30.0)
 """Seconds of the first and the longest pause between attempts to connect to the broker."""
 _GOODBYE = 2.0
 """Seconds in which the broker has to take the last messages."""
+_LAST_EXCHANGE = 5.0
+"""Seconds in which an exchange that is under way may end when the publisher ends."""
 _COMMANDS = 16
 """Commands that wait for a line; further ones are refused."""
 
@@ -117,7 +120,9 @@ class _Line:
     schedule: PollSchedule
     machines: dict[str, PolledMachine]
     clients: dict[str, AsyncMachineClient]
-    commands: asyncio.Queue[_Command] = field(default_factory=lambda: asyncio.Queue(_COMMANDS))
+    commands: asyncio.Queue[_Command | None] = field(default_factory=lambda: asyncio.Queue(_COMMANDS))
+    """None only ends the wait for a command."""
+    is_ending: bool = False
 
 
 class Publisher:
@@ -185,14 +190,28 @@ class Publisher:
         self.buffer.close()
 
     async def stop(self) -> None:
-        """End, and tell the broker. The buffer stays open."""
+        """End, and tell the broker. The buffer stays open. What is under way on the lines ends first."""
+        *polling, broker = self._tasks
+        await asyncio.gather(*(self._end(line, task) for line, task in zip(self._lines, polling)))
         self._is_stopping = True
-        for task in self._tasks:
-            task.cancel()
-        await asyncio.gather(*self._tasks, return_exceptions=True)
-        for line in self._lines:
-            for client in line.clients.values():
-                await client.close()
+        broker.cancel()
+        await asyncio.gather(broker, return_exceptions=True)
+
+    async def _end(self, line: _Line, polling: asyncio.Task[None]) -> None:
+        """End the polling of a line and close it, when no answer can come on it that its next client could get: that
+        may be another publisher, which begins at once. On TCP answers have numbers, so there is nothing to wait for."""
+        line.is_ending = True
+        if line.commands.empty():
+            line.commands.put_nowait(None)
+        await asyncio.wait([polling], timeout=_LAST_EXCHANGE)
+        polling.cancel()
+        await asyncio.gather(polling, return_exceptions=True)
+        for machine in line.clients.values():
+            client = machine.client
+            if isinstance(client, AsyncModbusClient) and (client.connected or client.bus.state.pending):
+                with suppress(BarewireError):
+                    await client.settle()  # at most `late_window`
+            await machine.close()
 
     def status(self) -> dict[str, Any]:
         """Return the state as values that JSON has."""
@@ -221,7 +240,7 @@ class Publisher:
     async def _poll(self, line: _Line) -> None:
         """Carry out a command or read what is due, in turn, so that neither holds up the other."""
         loop = asyncio.get_running_loop()
-        while True:
+        while not line.is_ending:
             command = None
             with suppress(TimeoutError):
                 async with asyncio.timeout_at(line.schedule.next().due_at):
