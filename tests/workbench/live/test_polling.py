@@ -12,7 +12,7 @@ import pytest
 from barewire import CanopenServer, ModbusServer, load
 from barewire.devices import Device, Reading
 from barewire.devices.sim import simulator
-from barewire.errors import EncodeError, NoAnswer, PortError
+from barewire.errors import DecodeError, EncodeError, NoAnswer, PortError
 from barewire.modbus import ModbusException
 from barewire_workbench.cli.raw_address import device_with
 from barewire_workbench.live.check_device import WrongDevice, check_device
@@ -20,7 +20,7 @@ from barewire_workbench.live.polling import Clock, PolledLine, Poller, by_port, 
 from barewire_workbench.value_log.csv_file import CsvFile
 from barewire_workbench.value_log.rotating_log import RotatingLog, Rotation
 from barewire_workbench.value_log.sample import Sample, Watched, columns_of, headings, row_of
-from tests.helpers import part_or_whole, refused
+from tests.helpers import every_case, part_or_whole, refused
 from tests.workbench.value_log.memory_disk import MemoryDisk, Stopped
 
 RAW = device_with("raw", [f"holding:{address}" for address in range(3)])
@@ -49,6 +49,7 @@ class FakeMachine:
         self.errors = list(errors)
         self.takes = takes
         self.refuses: set[str] = set()
+        self.refusal: Exception = ModbusException(2, 3)
         self.requests: list[tuple[str, ...]] = []
         self.connected = 0
 
@@ -65,7 +66,7 @@ class FakeMachine:
         if self.errors and (error := self.errors.pop(0)) is not None:
             raise error
         if self.refuses & set(names):
-            raise ModbusException(2, 3)
+            raise self.refusal
         return [Reading(RAW.find(name), len(self.requests)) for name in names]
 
     def read(self, name: str) -> Reading:
@@ -153,9 +154,11 @@ def test_a_machine_that_is_silent_at_first_is_checked_when_it_answers() -> None:
     assert len(machine.requests) == 5
 
 
-def test_a_refused_name_is_read_alone_as_long_as_it_is_refused() -> None:
+@every_case("refusal", [ModbusException(2, 3), DecodeError("value", b"\1\2\3\4", 0, "4 bytes: expected 2")])
+def test_a_name_that_cannot_be_read_is_read_alone_as_long_as_that_is_so(refusal: Exception) -> None:
     names = ("holding:0", "holding:1", "holding:2")
     machine, poller = FakeMachine(), Poller(names)
+    machine.refusal = refusal
     machine.refuses = {"holding:1"}
     poll = poller.poll(machine)
     assert ([reading.name for reading in poll.readings], list(poll.refused)) == (
@@ -172,7 +175,7 @@ def test_a_refused_name_is_read_alone_as_long_as_it_is_refused() -> None:
     assert [reading.name for reading in poller.poll(machine).readings] == list(names)
     assert machine.requests == [names]
     machine.refuses = set(names)
-    with refused(ModbusException, "exception 02"):
+    with refused(type(refusal), str(refusal)):
         poller.poll(machine)
 
 

@@ -24,7 +24,7 @@ from typing import Any, Protocol
 
 from barewire import ModbusClient, connect
 from barewire.devices import Device, Reading
-from barewire.errors import BarewireError, EncodeError, PortError, Refused
+from barewire.errors import BarewireError, DecodeError, EncodeError, PortError, Refused
 from barewire.io.endpoint import Endpoint
 from barewire.io.machine import MachineClient
 from barewire_workbench.live.results import text_with_notes
@@ -55,6 +55,10 @@ class Clock:
         return datetime.now().astimezone()
 
 
+OF_A_VALUE = (Refused, DecodeError)
+"""Errors of one value, which may fail the reading of others with it; any other is an error of the machine or its line."""
+
+
 class MachineOnLine(Protocol):
     """What a poller uses of a machine."""
 
@@ -77,12 +81,12 @@ class Poller:
         """Read every name once. Raises the errors of the machine if nothing was read."""
         readings: dict[str, Reading] = {}
         refused: dict[str, str] = {}
-        refusal: Refused | None = None
+        refusal: Refused | DecodeError | None = None
         alone = self._alone
         try:
             together = machine.read_all([name for name in self.names if name not in alone])
             readings.update((reading.name, reading) for reading in together)
-        except Refused as error:
+        except OF_A_VALUE as error:
             if len(self.names) == 1:
                 raise
             refusal, alone = error, set(self.names)
@@ -90,7 +94,7 @@ class Poller:
             if name in alone:
                 try:
                     readings[name] = machine.read(name)
-                except Refused as error:
+                except OF_A_VALUE as error:
                     # The name is beside the reason.
                     refusal, refused[name] = error, str(error).partition("; while reading ")[0]
         if not readings and refusal is not None:

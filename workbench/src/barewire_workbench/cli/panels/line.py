@@ -21,12 +21,12 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 from barewire import connect
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter, Reading
-from barewire.errors import BarewireError, NoAnswer, PortError, Refused
+from barewire.errors import BarewireError, NoAnswer, PortError
 from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.panels.diagnosis import LastFrames
 from barewire_workbench.cli.shown_frames import ShownFrames
 from barewire_workbench.live.check_device import check_device
-from barewire_workbench.live.polling import Clock, Poller
+from barewire_workbench.live.polling import OF_A_VALUE, Clock, Poller
 from barewire_workbench.live.read_values import read_alone
 from barewire_workbench.live.results import text_with_notes
 from barewire_workbench.live.save_settings import select
@@ -231,7 +231,7 @@ class PanelLine:
         machine = self._opened()
         try:
             poll = poller.poll(machine)
-        except Refused as error:  # every value of the block
+        except OF_A_VALUE as error:  # every value of the block
             self._keep((), dict.fromkeys(poller.names, str(error).partition("; while reading ")[0]))
         else:
             self._keep(poll.readings, poll.refused)
