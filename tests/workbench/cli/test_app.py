@@ -248,6 +248,36 @@ def test_an_output_that_cannot_be_written_is_one_line(command: tuple[str, ...]) 
     assert (done.returncode, done.stderr) == (1, UNWRITABLE)
 
 
+SMALL_DISK = ["sh", "-c", 'ulimit -f 8; exec "$@"', "sh", *COMMAND]
+"""A command that can write a few kilobytes to a file. Its bytecode must not be written then: it would be cut too."""
+
+
+@pytest.mark.parametrize("settings", [{}, {"PYTHONUNBUFFERED": "1"}], ids=["buffered", "unbuffered"])
+def test_an_output_that_is_cut_is_an_error(settings: dict[str, str], tmp_path: Path) -> None:
+    with (tmp_path / "cut").open("w") as file:
+        done = subprocess.run(
+            [*SMALL_DISK, "eds", "export", "az3"],
+            stdout=file,
+            stderr=subprocess.PIPE,
+            text=True,
+            timeout=60,
+            env=ENVIRONMENT | settings | {"PYTHONDONTWRITEBYTECODE": "1"},
+            check=False,
+        )
+    assert (done.returncode, done.stderr) == (1, "barewire: output: file too large\n")
+
+
+def test_a_file_is_replaced_as_a_whole_or_stays(tmp_path: Path) -> None:
+    file = tmp_path / "az3.eds"
+    output_of("eds", "export", "az3", str(file))
+    before = file.read_bytes()
+    command = [*SMALL_DISK, "eds", "export", "az3", str(file)]
+    environment = ENVIRONMENT | {"PYTHONDONTWRITEBYTECODE": "1"}
+    done = subprocess.run(command, capture_output=True, text=True, timeout=60, env=environment, check=False)
+    assert (done.returncode, done.stderr) == (1, f"barewire: {file}: File too large\n")
+    assert (file.read_bytes(), list(tmp_path.iterdir())) == (before, [file])
+
+
 @pytest.mark.parametrize("redirection", ["2>/dev/full", "2>&-"])
 @pytest.mark.parametrize(
     ("command", "status"), [("devices", 0), ("nonsense", 2), ("read tcp://127.0.0.1:1 adxl Status", 1)]

@@ -25,15 +25,16 @@ import pytest
 
 from barewire import ModbusServer, connect, load
 from barewire.devices.sim import MachineUnits, simulator
-from barewire.errors import BarewireError, NoAnswer
+from barewire.errors import BarewireError, EncodeError, NoAnswer
 from barewire.io.fault_injection.faults import Faults, ModbusWire
 from barewire.rtu import encode
-from barewire_workbench.cli.panels.description import description, planned_frames
+from barewire_workbench.cli.panels.description import description, planned_frames, value_to_write
 from barewire_workbench.cli.panels.line import Busy, PanelLine, running
 from barewire_workbench.cli.panels.server import PanelServer
 from barewire_workbench.cli.panels.world import SimulatedWorld
 from barewire_workbench.live.polling import Clock
-from tests.helpers import until
+from barewire_workbench.settings.rules import SettingRules
+from tests.helpers import every_case, refused, until
 from tests.workbench.cli.helpers import error_of
 
 STATUS, CURRENT = "Status", "L1 current"
@@ -207,6 +208,18 @@ def test_a_silent_machine_is_asked_for_one_value_and_shown_as_dead_until_it_answ
         state = line.changes_since(0, names)
         assert state["alive"] is True
         assert state["values"][SETTING][:2] == (55, "55 %")
+
+
+@every_case("number", [float("nan"), float("inf")])
+def test_a_value_that_json_does_not_have_is_told_by_its_text_and_changes_once(number: float) -> None:
+    line = line_of(machine := Machine())
+    machine.values = {SETTING: number}
+    with line.look_at([SETTING, "Status Word"]):
+        line.turn()
+        state = line.changes_since(0, [SETTING, "Status Word"])
+        assert json.loads(json.dumps(state, allow_nan=False))["values"][SETTING] == [None, f"{number} %", ""]
+        line.turn()
+        assert line.changes_since(state["revision"], [SETTING])["values"] == {}
 
 
 def test_on_a_line_that_loses_answers_every_value_is_read() -> None:
@@ -473,6 +486,16 @@ def test_a_plan_shows_the_frames_and_sends_nothing() -> None:
             assert line._machine is None
 
     asyncio.run(main())
+
+
+def test_a_setting_of_a_menu_has_its_range() -> None:
+    device, name = load("adxl"), "P01.04 acceleration time"
+    menu = {"name": name, "at": [1, 0, 4], "unit": "s", "min": 1, "max": 100}
+    settings = {**device.extra["settings"], "menus": [menu]}
+    menus = SettingRules.of(replace(device, extra={**device.extra, "settings": settings})).behind_menus(is_can=False)
+    assert value_to_write(device, name, "100", menus)[1] == 100
+    with refused(EncodeError, f"{name} = 101: expected 1..100 s"):
+        value_to_write(device, name, "101", menus)
 
 
 def test_what_is_no_menu_is_not_read_on_demand() -> None:

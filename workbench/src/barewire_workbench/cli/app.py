@@ -97,6 +97,9 @@ def run_command_line(arguments: list[str], loaded: Callable[[], None] | None = N
     if sys.stderr is None:  # `2>&-`: `print` would write errors to stdout
         with Path(os.devnull).open("w", encoding="utf-8") as nowhere, redirect_stderr(nowhere):
             return run_command_line(arguments, loaded)
+    if isinstance(sys.stdout, io.TextIOWrapper) and isinstance(sys.stdout.buffer, io.RawIOBase):
+        # With PYTHONUNBUFFERED a text is written once, and what a full disk did not take of it is lost without a word.
+        sys.stdout = io.TextIOWrapper(io.BufferedWriter(sys.stdout.buffer), sys.stdout.encoding, line_buffering=True)
     # A character that the terminal cannot show, such as a degree sign, is replaced; the value is still printed.
     for stream in (sys.stdout, sys.stderr):
         if isinstance(stream, io.TextIOWrapper):

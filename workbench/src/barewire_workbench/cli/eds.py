@@ -10,7 +10,7 @@ from barewire.canopen.eds import parse
 from barewire.devices import load
 from barewire.errors import EncodeError
 from barewire_workbench.cli.arguments import CommandGroup
-from barewire_workbench.cli.output import Output, check_not_overwritten, file_content, output_option, port_error
+from barewire_workbench.cli.output import Output, check_not_overwritten, file_content, output_option, replace_file
 from barewire_workbench.eds.lint import REQUIRED_SECTIONS, lint
 
 
@@ -32,8 +32,7 @@ def export_command(device: str, file: Path | None) -> None:
     if file is None:
         print(document.encode().decode(document.encoding).replace("\r\n", "\n"), end="")
         return
-    with port_error(file):
-        file.write_bytes(document.encode())
+    replace_file(file, document.encode())
     print(f"{file}: {len(document.objects)} objects")
 
 

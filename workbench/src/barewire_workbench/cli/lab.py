@@ -24,7 +24,7 @@ from barewire_workbench.cli.labs.repair import (
     REPAIR_LAB,
     recording_text,
 )
-from barewire_workbench.cli.output import Output, output_option, port_error
+from barewire_workbench.cli.output import Output, output_option, port_error, replace_file
 
 _WIDTH = 100
 _RECORDED = (REPAIR_LAB, REAL_LINE_LAB)
@@ -149,7 +149,7 @@ def _write_recordings(lab: Lab, output: Output) -> None:
         with port_error(path):
             if path.exists() and path.read_bytes() != text.encode():
                 raise EncodeError(f"{path}: there is another file of this name, which would be overwritten")
-            path.write_text(text, "utf-8", newline="\n")
+        replace_file(path, text.encode())
         count = text.count("\n") - 1
         output.show(f"wrote {path}: {count} lines", {"wrote": str(path), "lines": count})
 

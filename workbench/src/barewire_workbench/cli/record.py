@@ -4,14 +4,13 @@ from __future__ import annotations
 
 import threading
 from collections.abc import Iterator
-from pathlib import Path
 
 import click
 
 from barewire.errors import BarewireError, DecodeError, EncodeError
 from barewire.io.endpoint import Endpoint
 from barewire_workbench.cli.arguments import duration
-from barewire_workbench.cli.output import check_not_overwritten, port_error
+from barewire_workbench.cli.output import check_not_overwritten, replace_file
 from barewire_workbench.cli.sources import Source, ports_option, protocol_option, stopped_by_interrupt
 from barewire_workbench.frames.modbus_exchanges import Exchanges
 from barewire_workbench.live.listen import listen
@@ -95,8 +94,7 @@ def record_command(
     if target is None:
         print(text, end="")
         return
-    with port_error(target):
-        Path(target).write_text(text, encoding="utf-8")
+    replace_file(target, text.encode())
     for row in _summary(line):
         print(row)
     print(f"{target} written; to serve it: barewire simulate {target} ENDPOINT")

@@ -21,6 +21,7 @@ from barewire_workbench.cli.output import (
     port_error,
     print_json,
     printable,
+    replace_file,
     status_line,
 )
 from barewire_workbench.cli.vectors_show import pictures_of_case, shown_case
@@ -352,5 +353,4 @@ def _write_badge(path: Path, vectors: Vectors, profile: str | None, summary: Che
     if path.suffix not in (".svg", ".json"):
         raise EncodeError(f"--badge {path}: expected a name that ends with .svg or .json")
     form = badge_json if path.suffix == ".json" else badge_svg
-    with port_error(path):
-        path.write_text(form(*badge_texts(vectors, profile or "", summary.total)), encoding="utf-8")
+    replace_file(path, form(*badge_texts(vectors, profile or "", summary.total)).encode())

@@ -12,7 +12,7 @@ import click
 
 from barewire import __version__
 from barewire.errors import EncodeError, PortError
-from barewire_workbench.cli.output import Output, file_content, port_error
+from barewire_workbench.cli.output import Output, file_content, replace_file
 from barewire_workbench.cli.vectors import check_command
 from barewire_workbench.vendor.changes import changes
 from barewire_workbench.vendor.head import read_head, sealed
@@ -87,8 +87,7 @@ def _update(path: Path, families: tuple[str, ...], force: bool) -> int:
     if after == before:
         print(f"{path}: {head.name} {head.version}, no change")
         return 0
-    with port_error(path):
-        path.write_text(after, encoding="utf-8")
+    replace_file(path, after.encode())
     print(f"{path}: {head.name} {head.version} -> {__version__}")
     try:
         print(changes(before, after))

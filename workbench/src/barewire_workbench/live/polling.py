@@ -56,7 +56,7 @@ class Clock:
 
 
 OF_A_VALUE = (Refused, DecodeError)
-"""Errors of one value, which may fail the reading of others with it; any other is an error of the machine or its line."""
+"""Errors of one value, which fail the reading of others with it; any other is one of the machine or its line."""
 
 
 class MachineOnLine(Protocol):

@@ -24,7 +24,7 @@ def value_to_write(
     """Return a parameter, its value in a text, and what is written for it, by name in this order: for a setting of a
     menu the numbers of the menu first. Raises BarewireError for what cannot be written."""
     if (setting := menus.get(name)) is not None:
-        value = parse_value(setting.parameter, text)
+        value = setting.parameter.check(parse_value(setting.parameter, text))
         return setting.parameter, value, {**setting.select, setting.read_as: value}
     parameter = device.find(name)
     value = parse_value(parameter, text)

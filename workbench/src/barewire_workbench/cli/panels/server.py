@@ -181,7 +181,7 @@ class PanelServer:
                     revision = event["revision"]
                     if self._world is not None and (state := self._world.state()) != world:
                         event["world"] = world = state
-                    writer.write(f"data: {json.dumps(event)}\n\n".encode())
+                    writer.write(f"data: {json.dumps(event, allow_nan=False)}\n\n".encode())
                     async with asyncio.timeout(self._stalled):
                         await writer.drain()
                     with suppress(TimeoutError):
