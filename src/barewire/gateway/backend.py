@@ -121,8 +121,9 @@ class Backend(ABC):
         self.is_draining = False
         self.is_closed = asyncio.Event()
         """Set when the port is free again."""
-        self.predecessor: asyncio.Event | None = None
-        """`is_closed` of a backend that has the port still, after a reload."""
+        self.successors: list[Backend] = []
+        """The backends that follow this one on its line, after a reload."""
+        self._predecessors: list[Backend] = []  # they may have the port still
         self.cannot_open = False
         """Whether the latest attempt to open the connection failed, or to use a bus that opens itself again."""
         self._log = PortLog("barewire.gateway", name)
@@ -245,8 +246,9 @@ class Backend(ABC):
     async def _connect(self) -> None:
         code = FAILED
         try:
-            if self.predecessor is not None:
-                await self.predecessor.wait()  # it has the same port
+            while self._predecessors:
+                await self._predecessors[0].is_closed.wait()
+                del self._predecessors[0]
             await self._open()
         except PortError as error:
             code = NO_PATH
@@ -307,15 +309,39 @@ class Backend(ABC):
         self._log.error("code", text, error)
 
     async def drain(self, timeout: float) -> None:
-        """Decline new queries, and wait until those that wait or are under way are answered, `timeout` s at most."""
+        """Decline new queries, and wait until those that wait or are under way are answered, and no answer can come
+        any more which the next user of the line could take for its own: `timeout` s at most."""
         self.is_draining = True
-        if not self.under_way and not self.dispatcher.has_work:
-            return
         try:
             async with asyncio.timeout(timeout):
-                await self._idle.wait()
+                if self.under_way or self.dispatcher.has_work:
+                    await self._idle.wait()
+                if not self.successors:
+                    await self._settle()
         except TimeoutError:
-            self._log.warning("drain", f"queries were not answered within {timeout:g} s")
+            what = "queries were not answered" if self.under_way else "answers may still come: the line was not left"
+            self._log.warning("drain", f"{what} within {timeout:g} s")
+
+    def follow(self, predecessors: list[Backend]) -> None:
+        """Use the line of backends that end, after them, and know which of their answers may still come."""
+        self._predecessors = predecessors
+        for before in predecessors:
+            before.successors.append(self)
+            if before.is_closed.is_set():
+                self._take_over(before)
+
+    @property
+    @abstractmethod
+    def awaits_answers(self) -> bool:
+        """Whether an answer to an earlier request may still come."""
+
+    @abstractmethod
+    async def _settle(self) -> None:
+        """Wait until no answer to an earlier request can come."""
+
+    @abstractmethod
+    def _take_over(self, before: Backend) -> None:
+        """Take over which answers may still come, from a backend that is closed."""
 
     async def close(self) -> None:
         """Close the connection. Queries that are not answered yet get 0A, those under way 0B."""
@@ -327,6 +353,9 @@ class Backend(ABC):
             self._alarm.cancel()
         self.dispatcher.decline_all(NO_PATH)
         await self._close()
+        for successor in self.successors:
+            successor._take_over(self)
+        self._predecessors.clear()
         self.is_closed.set()
 
 
@@ -449,3 +478,20 @@ class ModbusBackend(Backend):
         if self._housekeeping is not None:
             self._housekeeping.cancel()
         self.connection.close()
+
+    @property
+    def awaits_answers(self) -> bool:
+        """Whether an answer to an earlier request may still come."""
+        self.bus.state.expire(self._loop.time())
+        return bool(self.bus.state.pending)
+
+    async def _settle(self) -> None:
+        box = self.connection.usable_box(self.connection.lanes[0])
+        if isinstance(box, CallbackBox) and not box.is_busy and self.awaits_answers:
+            ended = asyncio.Event()
+            box.start(self.bus.settle(), lambda result, error: ended.set())
+            await ended.wait()
+
+    def _take_over(self, before: Backend) -> None:
+        if isinstance(before, ModbusBackend):
+            self.bus.take_over(before.bus)

@@ -251,6 +251,7 @@ class CanopenBackend(Backend):
         self._client: AsyncCanopenClient | None = None
         self._tasks: set[asyncio.Task[None]] = set()
         self._not_before = 0.0
+        self._quiet_at = 0.0  # until then an answer to an earlier transfer may come
 
     @property
     def is_connected(self) -> bool:
@@ -263,7 +264,20 @@ class CanopenBackend(Backend):
     def _may_open(self, now: float) -> bool:
         return now >= self._not_before
 
+    @property
+    def awaits_answers(self) -> bool:
+        """Whether an answer to an earlier request may still come."""
+        return self._loop.time() < self._quiet_at
+
+    async def _settle(self) -> None:
+        await asyncio.sleep(self._quiet_at - self._loop.time())
+
+    def _take_over(self, before: Backend) -> None:
+        if isinstance(before, CanopenBackend):
+            self._quiet_at = max(self._quiet_at, before._quiet_at)
+
     async def _open(self) -> None:
+        await self._settle()  # after another backend on this bus
         client = AsyncCanopenClient(str(self.endpoint))
         try:
             await client.open()
@@ -304,6 +318,8 @@ class CanopenBackend(Backend):
         except Exception as error:
             self._fail(error)
         finally:
+            if response == NO_RESPONSE:
+                self._quiet_at = max(self._quiet_at, self._loop.time() + 2 * exchange.timeout)
             self._ended(lane, response, is_silence=is_silence)
 
     async def _close(self) -> None:

@@ -11,9 +11,10 @@ import re
 import tomllib
 from collections import Counter
 from collections.abc import Callable, Iterator, Mapping
+from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from ipaddress import ip_network
+from ipaddress import ip_address, ip_network
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlsplit
 
@@ -53,7 +54,7 @@ _OF_UNITS = (
 )
 
 OPTIONS: dict[str, tuple[Option, ...]] = {
-    "": (Option("drain", "seconds", 5.0, "at the end, how long the gateway waits for responses that are under way"),),
+    "": (Option("drain", "seconds", 5.0, "at the end, how long the gateway waits for responses, also for late ones"),),
     "listen": (
         Option("url", "text", None, "where clients connect: tcp, tls, udp, rtu+tcp, ascii+tcp", is_required=True),
     ),
@@ -562,6 +563,23 @@ def listener_endpoint(url: str) -> Endpoint:
     if endpoint.transport == "tls" and "roles" not in endpoint.options:
         endpoint = endpoint._replace(options={**endpoint.options, "roles": "any"})
     return endpoint
+
+
+def place_of(endpoint: Endpoint) -> tuple[str, str, int]:
+    """Return what an endpoint occupies, however its URL is written: a bus, a serial device, or a port of a host.
+
+    >>> place_of(modbus_endpoint("rtu+tcp://LOCALHOST")) == place_of(modbus_endpoint("tcp://127.0.0.1:502?unit=7"))
+    True
+    """
+    if endpoint.scheme == "can":
+        return "can", endpoint.place, 0
+    if endpoint.is_serial_port:
+        return "serial", os.path.normcase(os.path.realpath(endpoint.place)), 0
+    host, port = endpoint.host_and_port
+    host = host.lower()
+    with suppress(ValueError):
+        host = str(ip_address("127.0.0.1" if host == "localhost" else host))
+    return "udp" if endpoint.is_datagram else "tcp", host, port
 
 
 def _check_listener(endpoint: Endpoint) -> None:

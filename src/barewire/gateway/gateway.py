@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 from barewire.gateway.backend import Backend, ModbusBackend
-from barewire.gateway.config import BackendConfig, GatewayConfig, listener_endpoint
+from barewire.gateway.config import BackendConfig, GatewayConfig, listener_endpoint, place_of
 from barewire.gateway.dispatch import NO_PATH, Query
 from barewire.gateway.policy import Policy
 from barewire.gateway.status import SAMPLE_INTERVAL, History, of_backend, of_listener
@@ -85,6 +85,8 @@ class Gateway:
         self.stopping = asyncio.Event()
         """Set by `stop`: the program should leave the gateway."""
         self._listeners: dict[str, StreamServer | DatagramServer] = {}
+        self._former: list[Backend] = []
+        """The backends that ended while answers could still come, on lines that no backend has now."""
         self._clock = asyncio.get_running_loop().time
         self._started_at = self._clock()
         self._sampling: asyncio.TimerHandle | None = None
@@ -259,23 +261,28 @@ class Gateway:
                 self._listeners[url].context = context  # type: ignore[union-attr]  # only TLS has one
         self._listeners |= opened
         self._use(config, known)
+        former = [*self._former, *ended]
         for backend in self.backends:
-            for old_backend in ended:
-                if backend.endpoint.place == old_backend.endpoint.place:
-                    backend.predecessor = old_backend.is_closed
+            if all(backend is not old for _, old in known):
+                backend.follow([old for old in former if place_of(old.endpoint) == place_of(backend.endpoint)])
+        self._former = [old for old in former if not old.successors]
         await self._swap(page, publisher)
         for url in gone:
             await self._listeners.pop(url).close()
-        await self._drain(ended)
+        await self._end(ended)
+        self._former = [old for old in self._former if old.awaits_answers]
 
-    async def _drain(self, backends: list[Backend]) -> None:
-        await asyncio.gather(*(backend.drain(self.config.drain) for backend in backends))
-        await asyncio.gather(*(backend.close() for backend in backends))
+    async def _end(self, backends: list[Backend]) -> None:
+        async def end(backend: Backend) -> None:
+            await backend.drain(self.config.drain)
+            await backend.close()
+
+        await asyncio.gather(*map(end, backends))
 
     async def close(self) -> None:
         """Answer what is under way, for `drain` seconds at most, and close everything. New requests get 0A."""
         await self._swap(self.page, None)
-        await self._drain(self.backends)
+        await self._end(self.backends)
         await self._close()
 
     async def _close(self) -> None:

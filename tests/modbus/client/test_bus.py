@@ -130,6 +130,45 @@ def test_a_request_to_another_unit_or_function_is_sent_without_a_probe() -> None
     assert clock.now - before < 0.1
 
 
+def test_a_bus_that_takes_over_a_line_knows_what_is_still_to_come() -> None:
+    """The answer, the probe, and the pause of the bus before."""
+    buses = [rtu_bus(late_window=60.0, options=UnitOptions(gap=5.0)) for _ in range(3)]
+    slow = Slow([30.0, None])
+    clock = Clock(slow)
+    with pytest.raises(NoAnswer):
+        clock.play(read(buses[0], 10))
+    sent_at = clock.now - 1.0
+    buses[1].take_over(buses[0])
+    with pytest.raises(NoAnswer):  # its probe has no answer
+        clock.play(read(buses[1], 15))
+    assert clock.now >= sent_at + 5.0
+    buses[2].take_over(buses[1])
+    slow.free_at = clock.now
+    answer = clock.play(read(buses[2], 20))
+    assert answer == ReadHoldingRegisters(20, 1).response((20,))  # type: ignore[call-arg]
+    probes = [request for request in slow.asked if request[1] == 8]
+    assert len(probes) == len(set(probes)) == 2
+
+
+def test_a_bus_that_takes_over_a_line_knows_which_echo_is_still_to_come() -> None:
+    before, after = (Bus(EchoLine(RtuLine(TIMING))) for _ in range(2))
+    conversation = before.ask(1, WriteSingleRegister(1, 2))
+    sent = sending(conversation, 0.0)
+    conversation.send(Heard(None, 0.1))
+    conversation.close()
+    after.take_over(before)
+    after.overhear(sent.item, 0.2)
+    assert [pending.request for pending in after.state.pending] == [WriteSingleRegister(1, 2)]
+
+
+def test_a_bus_with_numbered_answers_takes_over_none() -> None:
+    before, after = rtu_bus(), Bus(TcpLine())
+    with pytest.raises(NoAnswer):
+        Clock(Slow([None])).play(read(before, 10))
+    after.take_over(before)
+    assert after.state.pending == []
+
+
 def test_an_answer_settles_every_earlier_pending_answer_of_its_unit() -> None:
     bus = rtu_bus()
     clock = Clock(Slow([None]))

@@ -127,6 +127,16 @@ class Bus:
         self._must_listen = True  # a serial server may send what it received before the connection
         self.line = line
 
+    def take_over(self, before: Bus) -> None:
+        """Begin where the bus of another client has ended, on the same line: its answers stay pending, its echoes
+        expected, and the units have their pauses."""
+        before.continue_on(self.line)  # which expects the echoes of that line from here on
+        if not self.line.numbered:
+            self.state.pending += before.state.pending
+        for unit, of_unit in before.state.units.items():
+            if self.state.units[unit].gap:
+                self.state.units[unit].free_at = of_unit.free_at
+
     def ask(
         self,
         unit: int,
