@@ -5,6 +5,7 @@ from __future__ import annotations
 import pytest
 
 from barewire.canopen import CanFrame, Entry, LocalNode, ObjectDictionary, PdoConfig, standard_objects
+from barewire.canopen.datatypes import DAY
 from barewire.errors import EncodeError
 from tests.canopen.virtual_bus import VirtualBus
 
@@ -64,6 +65,27 @@ def test_any_tpdo_is_sent_on_request_unless_bit_30_forbids_it(type_: int) -> Non
     deaf = device_with(PdoConfig("TPDO", 1, (0x60410010,), type=type_, cob_id=0x4000_0185))
     feed(deaf, None, 1.0)
     assert feed(deaf, "185#R2", 2.0) == []
+
+
+@pytest.mark.parametrize("kind", ["time_of_day", "time_difference"])
+@pytest.mark.parametrize("type_", [1, 255])
+def test_a_time_of_24_hours_or_more_in_an_rpdo_is_refused_alone(kind: str, type_: int) -> None:
+    objects = ObjectDictionary(
+        [Entry(0x2000, 0, "clock", kind), Entry(0x2001, 0, "a", "u16"), Entry(0x2002, 0, "b", "u16")]
+    )
+    pdos = [
+        PdoConfig("RPDO", 1, (0x20000030, 0x20010010), type=type_),
+        PdoConfig("RPDO", 2, (0x20020010,), type=type_),
+        PdoConfig("TPDO", 1, (0x20010010,), type=1),
+    ]
+    device = LocalNode(5, objects, pdos)
+    device.start(0.0)
+    for text in ("000#0105", "205#00000000020001AA", "205#FFFFFF0F01003412", "305#7856"):
+        assert feed(device, text) == []
+    assert feed(device, "080#") == ["185#3412"]
+    # Of two synchronous RPDOs before one SYNC the later one counts.
+    assert [objects.get(index) for index in (0x2000, 0x2001, 0x2002)] == [2 * DAY * (type_ > 1), 0x1234, 0x5678]
+    assert device.pdo.refused == 1
 
 
 def test_a_missing_rpdo_is_reported_as_8250h() -> None:

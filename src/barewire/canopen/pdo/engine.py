@@ -142,9 +142,11 @@ class ActivePdo:
 
     def store(self, data: bytes) -> None:
         """Write the values of an RPDO to the dictionary. A refused value does not affect the others."""
-        values = self.mapping.unpack(data)
+        refused: list[str] = []
+        values = self.mapping.unpack(data, refused=refused)
+        self._refused += len(refused)
         for mapped in self.mapping.entries:
-            if mapped.is_dummy:
+            if mapped.is_dummy or mapped.name in refused:
                 continue
             try:
                 codec = self.objects.entry(mapped.index, mapped.sub).codec

@@ -145,8 +145,10 @@ class PdoMapping:
             self._check_names(values)
         return stream.to_bytes(self.size, "little")
 
-    def unpack(self, data: bytes) -> dict[str, Value]:
-        """Return the values by name from the data of a PDO. Raise DecodeError if the data is not as long as mapped."""
+    def unpack(self, data: bytes, *, refused: list[str] | None = None) -> dict[str, Value]:
+        """Return the values by name from the data of a PDO. Raise DecodeError if the data is not as long as mapped, and
+        for a time of 24 hours or more. With a list as `refused`, such a time is left out, and its name is appended.
+        """
         if len(data) < self.size:
             raise DecodeError("short", data, len(data), f"{self.size} bytes are mapped, got {len(data)}")
         if len(data) > self.size:
@@ -154,7 +156,15 @@ class PdoMapping:
         if self._struct is not None:
             return dict(zip(self._names, self._struct.unpack(data)))
         stream = int.from_bytes(data, "little")
-        return {step.name: _from_bits(step, stream >> step.offset & step.mask) for step in self._steps}
+        values = {}
+        for step in self._steps:
+            try:
+                values[step.name] = _from_bits(step, stream >> step.offset & step.mask)
+            except DecodeError:
+                if refused is None:
+                    raise
+                refused.append(step.name)
+        return values
 
     def _check_names(self, values: Mapping[str, Value]) -> None:
         names = {step.name for step in self._steps}

@@ -293,7 +293,8 @@ def remote_pdo(
 
 
 class PdoReceived(NamedTuple):
-    """A received PDO. If its length is not the mapped one, `values` is None and `why` is the reason."""
+    """A received PDO. If it is not as long as mapped, or has a time of 24 hours or more, `values` is None, and `why`
+    is the reason."""
 
     source: RemotePdo
     values: dict[str, Value] | None
