@@ -19,6 +19,7 @@ from barewire import CanopenServer, ModbusServer, connect, load
 from barewire.canopen import eds
 from barewire.devices.sim import simulator
 from barewire.errors import PortError
+from barewire.io.machine import MachineClient
 from barewire_workbench.cli.output import replace_file
 from barewire_workbench.eds.export import export
 from barewire_workbench.settings.rules import SettingRules
@@ -134,6 +135,28 @@ def test_a_failure_says_what_was_not_written_and_how_to_go_on(drive: str, tmp_pa
     assert "Counter Watchdog = 50 ms (was 0 ms (off)): not written: unit 1, address 1097: exception 03" in done.stdout
     assert "0 settings written, 47 equal already, 1 not written; not stored" in done.stdout
     assert done.stderr == f"barewire: to go on: barewire restore '{file}' '{drive}'\n"
+
+
+def test_an_interrupted_restore_says_what_was_written_and_how_to_go_on(
+    drive: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "press.toml"
+    output_of("save", drive, "csd-mt", str(file))
+    output_of("write", drive, "csd-mt", "Current Ratio=50", "Homing Method=17")
+    write, written = MachineClient.write, list[object]()
+
+    def interrupted(machine: MachineClient, *values: Any, **options: Any) -> None:
+        if written:
+            raise KeyboardInterrupt
+        written.append(values)
+        write(machine, *values, **options)
+
+    monkeypatch.setattr(MachineClient, "write", interrupted)
+    done = run_here("restore", str(file), drive)
+    assert (done.returncode, done.stdout.count(" written\n")) == (130, 1)
+    lost = "not stored: what was written is lost when the device is switched off"
+    go_on = f"to go on: barewire restore {file} '{drive}'"
+    assert done.stderr.strip() == f"barewire: interrupted; 1 written; {lost}; {go_on}"
 
 
 @pytest.mark.parametrize(

@@ -21,7 +21,7 @@ from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import WriteSingleRegister, WriteSingleRegisterResponse
 from barewire.modbus.messages.base import Response
 from barewire.rtu import crc16
-from tests.helpers import free_port
+from tests.helpers import every_case, free_port
 from tests.workbench.cli.helpers import (
     COMMAND,
     ENVIRONMENT,
@@ -450,6 +450,47 @@ def test_a_dry_run_checks_values_and_has_fields() -> None:
     )
     fields = json.loads(output_of(*write, "Profile Velocity=1234", "--json"))
     assert (fields["raw"], fields["address"], fields["value"]) == ("04D2 0000", "holding:1044-1045", 1234)
+
+
+class Interrupting(Table):
+    """A table that interrupts a process instead of answering the request with this number, counted from 1."""
+
+    def __init__(self, number: int) -> None:
+        super().__init__()
+        self.number, self.requests = number, 0
+        self.process: subprocess.Popen[str] | None = None
+
+    def handle(self, request: Any, now: float) -> Response | None:
+        self.requests += 1
+        if self.requests < self.number:
+            return super().handle(request, now)
+        assert self.process is not None
+        self.process.send_signal(signal.SIGINT)
+        return None
+
+    def interrupt(self, *words: str) -> subprocess.CompletedProcess[str]:
+        """Run a command, and end it if nothing interrupts it."""
+        pipe = subprocess.PIPE
+        with subprocess.Popen([*COMMAND, *words], stdout=pipe, stderr=pipe, text=True, env=ENVIRONMENT) as self.process:
+            try:
+                out, error = self.process.communicate(timeout=60)
+            finally:
+                self.process.kill()
+        return subprocess.CompletedProcess(words, self.process.returncode, out, error)
+
+
+@every_case(
+    ("number", "out", "error"),
+    [
+        (2, "", "each may be written or not: holding:2, holding:4"),
+        (4, "holding:2 = 7, written; the device has it\n", "written, and perhaps not read back: holding:2, holding:4"),
+    ],
+)
+def test_an_interrupted_write_says_what_was_written(number: int, out: str, error: str) -> None:
+    unit = Interrupting(number)
+    with ModbusServer("tcp://127.0.0.1:0", {1: unit}) as server:
+        done = unit.interrupt("write", f"{server.url}?timeout=600", "raw", "holding:2=7", "holding:4=8", "--verify")
+    assert (done.returncode, done.stdout, done.stderr.strip()) == (130, out, f"barewire: interrupted; {error}")
 
 
 class _Stubborn(Table):

@@ -129,8 +129,10 @@ def _run_command(arguments: list[str], loaded: Callable[[], None] | None) -> int
         return _print_error(_usage_text(error, arguments), error.exit_code)
     except BarewireError as error:
         return _print_error(text_with_notes(error), 2 if _is_wrong_usage(error) else 1)
-    except (KeyboardInterrupt, click.Abort):
-        return 130
+    except (KeyboardInterrupt, click.Abort) as error:
+        # What a command had done by then is in the notes; click raises Abort from the interrupt.
+        notes = getattr(error.__cause__ or error, "__notes__", [])
+        return _print_error("; ".join(["interrupted", *notes]), 130) if notes else 130
 
 
 def _flush_or_discard(stream: TextIO) -> None:

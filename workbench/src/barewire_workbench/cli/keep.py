@@ -119,6 +119,9 @@ def restore_command(
     except BarewireError as error:
         error.add_context(f"{file} names it; --device names another description")
         raise
+    flags = {"--no-verify": not verify, "--no-store": not store, "--communication": communication}
+    flags |= {"--no-check": no_check, f"--device={device}": device is not None}
+    again = shlex.join(["barewire", "restore", str(file), endpoint, *(flag for flag, given in flags.items() if given)])
     with connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
         restore = Restore(machine, saved, endpoint, communication, not no_check, verify, store, note)
         try:
@@ -128,6 +131,10 @@ def restore_command(
                     _show_frames(restore, change, output)
         except (EncodeError, WrongDevice) as error:
             error.add_context("nothing was written" + ("" if no_check else "; --no-check goes on"))
+            raise
+        except KeyboardInterrupt as error:
+            if restore.written:
+                error.add_note(f"{len(restore.written)} written; {_stored(restore)}; to go on: {again}")
             raise
     for name, why in restore.left_out.items():
         note(f"{name}: left out: {why}")
@@ -146,9 +153,6 @@ def restore_command(
         output.text(f"{len(saved.communication)} that say how the device is reached are left out: --communication")
     if restore.is_complete:
         return 0
-    flags = {"--no-verify": not verify, "--no-store": not store, "--communication": communication}
-    flags |= {"--no-check": no_check, f"--device={device}": device is not None}
-    again = shlex.join(["barewire", "restore", str(file), endpoint, *(flag for flag, given in flags.items() if given)])
     note(f"to go on: {again}")
     return 1
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import csv
 import sys
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from dataclasses import replace
 
@@ -234,18 +234,33 @@ def write_command(
     with connected(description, endpoint, no_wait, frames=frames, output=output) as machine:
         check_machine(machine, no_check, before_write=True)
         for values in _batches(wanted):
-            machine.write(values, force=force)
-            for name, value in values.items():
-                reading = Reading(description.find(name), value)
-                how = _how_written(reading.parameter, endpoint)
-                if verify or force:
-                    is_same, text = _read_back(machine, reading, endpoint)
-                    differing += not is_same
-                    how += text or ("; the device has it" if verify else "")
-                output.show(f"{reading}, {how}", ReadValue(reading.parameter, reading).as_dict() | {"how": how})
+            done = "each may be written or not: "
+            try:
+                machine.write(values, force=force)
+                done = "written, and perhaps not read back: "
+                differing += _tell_written(machine, values, endpoint, output, verify=verify, force=force)
+            except KeyboardInterrupt as error:
+                error.add_note(done + ", ".join(values))
+                raise
     if verify and differing:
         note(f"{differing} of {len(wanted)} values are not as written")
         context.exit(1)
+
+
+def _tell_written(
+    machine: MachineClient, values: Mapping[str, Value], endpoint: str, output: Output, *, verify: bool, force: bool
+) -> int:
+    """Print what was written, each value read back if that is asked for. Return how many the device has otherwise."""
+    differing = 0
+    for name, value in values.items():
+        reading = Reading(machine.device.find(name), value)
+        how = _how_written(reading.parameter, endpoint)
+        if verify or force:
+            is_same, text = _read_back(machine, reading, endpoint)
+            differing += not is_same
+            how += text or ("; the device has it" if verify else "")
+        output.show(f"{reading}, {how}", ReadValue(reading.parameter, reading).as_dict() | {"how": how})
+    return differing
 
 
 def _hint(parameter: Parameter) -> str:
