@@ -203,6 +203,7 @@ class AsyncConnection(ConnectionBase):
                     return box
                 self.drop("the connection was given up")
                 await asyncio.sleep(self.pause_before_opening(now, patience))
+                self._check_not_closed()
                 return await self._connect(lane)
             finally:
                 if opening:
@@ -255,11 +256,15 @@ class AsyncConnection(ConnectionBase):
 
         receive = traced("received", deliver if fan is not None else lambda data: boxes[0].put(data), watch)
         try:
-            link = self._link = await connect(self.endpoint, receive, lose)
-            end_after_fork(self)
+            link = await connect(self.endpoint, receive, lose)
         except PortError as error:
             self._not_opened(error, clock())
             raise
+        if self._closed:  # while it was opened
+            link.close()
+            self._check_not_closed()
+        self._link = link
+        end_after_fork(self)
         self._opened()
         write = traced("sent", link.write if fan is None else self.writer(link), watch)
         for other, box, line in zip(self.lanes, boxes, lines):

@@ -142,20 +142,22 @@ class Connection(ConnectionBase):
 
     def open(self, patience: float) -> Port[bytes]:
         """Return the port. It is opened if there is none, or if it has failed."""
-        if self.port is not None:
+        port = self.port  # another thread may close it at any time
+        if port is not None:
             try:
-                data = self.port.receive(0.0)
+                data = port.receive(0.0)
                 if data is not None:
                     self.bus.overhear(data, time.monotonic())
-                if self.bus.line.broken is None and not self._closed:
-                    return self.port
+                if self.bus.line.broken is None:
+                    return port
                 why = str(self.bus.line.broken)
             except PortError as error:
                 why = str(error)
             self.drop(why)
         time.sleep(self.pause_before_opening(time.monotonic(), patience))
+        self._check_not_closed()
         try:
-            port = self._dial()
+            opened = self._dial()
         except PortError as error:
             self._not_opened(error, time.monotonic())
             raise
@@ -164,10 +166,13 @@ class Connection(ConnectionBase):
         line.sent(time.monotonic())  # a client waits for a silence of the line before its first request
         # Before the port is there: bytes of the old connection must not stand before those of the new one.
         self.bus.continue_on(line)
-        self.port = port if watch is None else Trace(port, watch)
+        port = self.port = opened if watch is None else Trace(opened, watch)
         end_after_fork(self)
+        if self._closed:  # while it was opened
+            self.drop("")
+            self._check_not_closed()
         self._opened()
-        return self.port
+        return port
 
     def can_open(self, patience: float) -> bool:
         """Return whether the port is closed and a request could open it again within `patience` seconds."""
@@ -185,7 +190,7 @@ class Connection(ConnectionBase):
     def drop(self, why: str) -> None:
         """Close a port that failed; the next request opens another one."""
         if self.port is not None:
-            self._lost(why)
+            self._lost("" if self._closed else why)
             self.port.close()
             self.port = None
 

@@ -84,12 +84,16 @@ class ConnectionBase:
 
     def pause_before_opening(self, now: float, patience: float) -> float:
         """Return the seconds until the next attempt to connect. Raises PortError if they are more than `patience`."""
-        if self._closed:
-            raise PortError(self._closed)
+        self._check_not_closed()
         pause = self.back_off.wait(now)
         if pause > patience:
             raise PortError(f"{self.back_off.why}; tried again in {pause:.1f} s")
         return pause
+
+    def _check_not_closed(self) -> None:
+        """Raise PortError if the client was closed, which may happen while a request waits, or connects."""
+        if self._closed:
+            raise PortError(self._closed)
 
     def _not_opened(self, error: PortError, now: float) -> None:
         self.back_off.failed(now, str(error))

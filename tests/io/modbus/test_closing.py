@@ -1,0 +1,67 @@
+"""A client that is closed while a request is under way, waits, or connects: the request ends, nothing follows it."""
+
+from __future__ import annotations
+
+import asyncio
+from collections.abc import Callable
+from typing import Any
+
+import pytest
+
+from barewire import AsyncModbusClient, ModbusClient, ModbusServer, Table
+from barewire.errors import PortError
+from barewire.io.modbus import async_client
+from barewire.io.ports import async_links
+from tests.helpers import PATIENCE, refused, until
+
+CLIENTS: list[Any] = [ModbusClient, AsyncModbusClient]
+
+
+def write_one(client: Any, address: int, value: int) -> None:
+    """Write a register with a client of either world, which is not closed after it."""
+    if isinstance(client, ModbusClient):
+        client.write_single_register(address, value)
+    else:
+        asyncio.run(client.write_single_register(address, value))
+
+
+def closing_after(client: Any, call: Callable[..., Any]) -> Callable[..., Any]:
+    """The same function, but the client is closed as soon as it has returned."""
+
+    def closing(*arguments: Any) -> Any:
+        result = call(*arguments)
+        client.connection.close()
+        return result
+
+    async def closing_later(*arguments: Any) -> Any:
+        result = await call(*arguments)
+        client.connection.close()
+        return result
+
+    return closing_later if asyncio.iscoroutinefunction(call) else closing
+
+
+@pytest.mark.parametrize("kind", CLIENTS)
+@pytest.mark.parametrize("when", ["in the pause", "while it connects"])
+def test_a_client_closed_before_it_is_connected_stays_closed(
+    kind: Any, when: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    table = Table()
+    lost: list[str] = []
+    with ModbusServer("tcp://127.0.0.1:0", {1: table}) as server:
+        client = kind(server.url, lazy=True, timeout=PATIENCE, on_lost=lost.append)
+        connection = client.connection
+        if when == "in the pause":
+            pause = closing_after(client, connection.pause_before_opening)
+            monkeypatch.setattr(connection, "pause_before_opening", pause)
+        elif kind is ModbusClient:
+            monkeypatch.setattr(connection, "_dial", closing_after(client, connection._dial))
+        else:
+            monkeypatch.setattr(async_client, "connect", closing_after(client, async_links.connect))
+        for _ in range(2):
+            with refused(PortError, "the client was closed"):
+                write_one(client, 5, 4242)
+            assert not client.connected
+        until(lambda: not server.connections)
+    assert table.holding_registers[5] == 0
+    assert lost == []
