@@ -3,11 +3,16 @@
 from __future__ import annotations
 
 import operator
+import random
 from collections.abc import Callable
+from decimal import Decimal
+from fractions import Fraction
+from math import isfinite
 from typing import Any
 
 import pytest
 
+from barewire.codecs import codec
 from barewire.devices import Parameter, Reading, load
 from barewire.devices.request_checks import to_write
 from barewire.errors import EncodeError
@@ -112,3 +117,31 @@ def test_text_for_a_plain_number_is_refused_and_text_stays_text() -> None:
         to_write(AZ3, {"TARGET VELOCITY": "3000"}, False)
     title = Parameter("Title", "text", values={1: "on"})
     assert to_write(AZ3, {title: "on"}, False) == [(title, "on")]
+
+
+def test_the_text_of_a_32_bit_float_is_the_same_32_bit_float() -> None:
+    dice, wire = random.Random(4), codec("f32")
+    patterns = [bytes.fromhex("7F7FFFFF"), bytes.fromhex("00000001"), *(dice.randbytes(4) for _ in range(5000))]
+    for scale in (Fraction(1), Fraction(1, 10)):
+        ratio = Parameter("Ratio", "f32", scale=scale)
+        for raw in patterns:
+            if isfinite(wire.decode(raw)):
+                text = ratio.text(ratio.from_raw(wire.decode(raw)))
+                assert wire.encode(ratio.to_raw(float(text))) == raw, (raw.hex(), text)
+    assert [ratio.text(value) for value in (0.1 * 3.0, float("nan"), float("inf"), 1e300)] == [
+        "0.3",
+        "nan",
+        "inf",
+        "1e+300",
+    ]
+
+
+def test_the_text_of_a_scaled_integer_or_a_64_bit_float_has_every_digit() -> None:
+    dice = random.Random(5)
+    for digits in (1, 2, 3, 6):
+        energy = Parameter("Energy", "u64", unit="kWh", scale=Fraction(1, 10**digits))
+        for raw in (65432101, 1234567991, *(dice.randrange(1 << dice.randrange(1, 50)) for _ in range(1000))):
+            text = energy.text(energy.from_raw(raw)).removesuffix(" kWh")
+            assert (Decimal(text), len(text) < 20) == (Decimal(raw).scaleb(-digits), True)
+    assert energy.text(654321.01) == "654321.01 kWh"
+    assert [Parameter("Energy", "f64").text(value) for value in (12345679.91, 3e7)] == ["12345679.91", "30000000"]

@@ -208,7 +208,7 @@ class Drive(Generic[Item]):
         """Read status word, mode, position and velocity once."""
         readings = yield from self.access.read(list(self._names.values()))
         now = yield from self.access.wait(_NOW)
-        values = dict(zip(self._names, (reading.value for reading in readings)))
+        values = dict(zip(self._names, (reading.parameter.shortened(reading.value) for reading in readings)))
         word, mode = int(values["status_word"]), values.get("mode_display")
         status = DriveStatus(now, word, mode, values.get("position"), values.get("velocity"))
         if self.progress is not None:
@@ -525,7 +525,7 @@ def _foreign_writes(present: Sequence[Reading], written: Mapping[str, Value], co
             if (int(reading.value) ^ int(written[reading.name])) & _DEFINED_BITS:
                 yield f"another master wrote {reading.name} {int(reading.value):04X}h"
         elif not isclose(float(reading.value), float(written[reading.name]), rel_tol=1e-6):  # an f32 rounds
-            yield f"another master wrote {reading.name} {show(reading.value)}"
+            yield f"another master wrote {reading.name} {reading.parameter.plain_text(reading.value)}"
 
 
 def _reasons(action: str, status: DriveStatus, error: Reading | None) -> list[str]:

@@ -164,7 +164,7 @@ class Parameter:
         >>> Parameter("State", "u8", values={2: "Starter ready"}).text(2)
         '2 (Starter ready)'
         """
-        shown_value = show(value) + (f" {self.unit}" if self.unit else "")
+        shown_value = self.plain_text(value) + (f" {self.unit}" if self.unit else "")
         if isinstance(value, int) and self.type != "text":
             if int(value) in self.values:
                 return f"{shown_value} ({self.values[int(value)]})"
@@ -180,15 +180,11 @@ class Parameter:
         >>> Parameter("Ratio", "f32").shortened(0.20000000298023224), Parameter("Energy", "f64").shortened(300000.125)
         (0.2, 300000.125)
         """
-        if self.type != "f32" or not isinstance(value, float):
-            return value
-        scale, wire = float(self.scale), codec("f32")
-        try:
-            raw = wire.encode(value / scale)
-            texts = (f"{value:.{digits}g}" for digits in range(6, 10))  # nine digits tell all of them apart
-            return next((float(text) for text in texts if wire.encode(float(text) / scale) == raw), value)
-        except EncodeError:  # more than an f32 can hold
-            return value
+        return _short_f32(value, float(self.scale)) if self.type == "f32" and isinstance(value, float) else value
+
+    def plain_text(self, value: Value) -> str:
+        """Return the value as text, without unit and names."""
+        return show(self.shortened(value))
 
     # Raw numbers, as the wire has them
 
@@ -398,20 +394,30 @@ def limits_text(low: int | float | None, high: int | float | None) -> str:
     return show(low) if low == high else f"{show(low)}..{show(high)}"
 
 
-def show(value: Value) -> str:
-    """Return a value as the shortest text that does not lose anything: 32-bit floats without their binary tail.
+def show(value: Value, type_name: str = "") -> str:
+    """Return a value as the shortest text that loses nothing. Only the type f32 tells that a float has 32 bits, and a
+    binary tail that is not shown.
 
-    >>> show(27.2), show(0.20000000298023224), show(3000), show(True), show(b"\\x01\\xAB")
-    ('27.2', '0.2', '3000', 'on', '01 AB')
+    >>> show(654321.01), show(0.20000000298023224, "f32"), show(3000.0), show(True), show(b"\\x01\\xAB")
+    ('654321.01', '0.2', '3000', 'on', '01 AB')
     """
     if isinstance(value, bool):
         return "on" if value else "off"
     if isinstance(value, float):
-        short = f"{value:.7g}"
-        return short if abs(float(short) - value) <= abs(value) * 6e-8 else repr(value)
+        return repr(_short_f32(value) if type_name == "f32" else value).removesuffix(".0")
     if isinstance(value, bytes):
         return value.hex(" ").upper()
     return shown(value) if type(value) is int else str(value)
+
+
+def _short_f32(value: float, scale: float = 1.0) -> float:
+    wire = codec("f32")
+    try:
+        raw = wire.encode(value / scale)
+        short = (float(f"{value:.{digits}g}") for digits in range(6, 10))  # nine digits tell all of them apart
+        return next((number for number in short if wire.encode(number / scale) == raw), value)
+    except EncodeError:  # more than 32 bits hold
+        return value
 
 
 def range_text(parameter: Parameter) -> str:

@@ -24,11 +24,12 @@ from typing import Any
 import pytest
 
 from barewire import ModbusServer, connect, load
+from barewire.devices import Parameter
 from barewire.devices.sim import MachineUnits, simulator
 from barewire.errors import BarewireError, EncodeError, NoAnswer
 from barewire.io.fault_injection.faults import Faults, ModbusWire
 from barewire.rtu import encode
-from barewire_workbench.cli.panels.description import description, planned_frames, value_to_write
+from barewire_workbench.cli.panels.description import description, planned_frames, range_text, value_to_write
 from barewire_workbench.cli.panels.line import Busy, PanelLine, running
 from barewire_workbench.cli.panels.server import PanelServer
 from barewire_workbench.cli.panels.world import SimulatedWorld
@@ -642,3 +643,8 @@ def test_a_wrong_table_ramp_is_an_error_that_says_what_is_expected() -> None:
 
 def test_a_page_needs_a_described_machine() -> None:
     assert "--panel" in error_of("simulate", "table", "tcp://127.0.0.1:0", "--panel", status=2)
+
+
+def test_a_range_is_shown_with_all_its_digits() -> None:
+    assert range_text(Parameter("Limit", "i32", minimum=-1.5, maximum=123456.78)) == "-1.5 … 123456.78"
+    assert range_text(Parameter("Limit", "u32", maximum=4294967295)) == "… 4294967295"

@@ -4,15 +4,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import replace
+from datetime import datetime
+from fractions import Fraction
 from math import inf, nan
 
 import pytest
 
-from barewire.devices import Device, UnknownName, load
+from barewire.devices import Device, Parameter, Reading, UnknownName, load
 from barewire.errors import EncodeError
 from barewire_workbench.cli.value_text import parse_value
 from barewire_workbench.value_log.condition import Condition, condition as parsed_condition, name_in
-from barewire_workbench.value_log.sample import Watched, columns_of, labelled
+from barewire_workbench.value_log.sample import Poll, Sample, Watched, cell_text, columns_of, labelled, row_of
 from barewire_workbench.value_log.selection import Selection
 
 CSD, ADXL = load("csd-mt"), load("adxl")
@@ -78,6 +80,15 @@ def test_a_name_of_several_machines_needs_its_machine() -> None:
     # Of two machines that have the name, the one of which it is read.
     one_is_read = [twice[0], twice[1]._replace(names=("Current Ratio",))]
     assert condition("Status Word == 1", one_is_read).column.machine == 0
+
+
+def test_a_32_bit_float_is_logged_and_compared_without_its_binary_tail_and_others_with_all_digits() -> None:
+    ratio, energy = Parameter("Ratio", "f32"), Parameter("Energy", "u32", scale=Fraction(1, 100))
+    machines = [Watched("", Device("mine", "", (ratio, energy)), ("Ratio", "Energy"))]
+    readings = (Reading(ratio, 0.20000000298023224), Reading(energy, energy.from_raw(1234567991)))
+    row = row_of(Sample(0.0, datetime(2026, 1, 1), (Poll(readings),)), columns_of(machines), machines)
+    assert [cell_text(value) for value in row[1:3]] == ["0.2", "12345679.91"]
+    assert condition("Ratio == 0.200000003", machines).holds(row[1] or 0)
 
 
 def test_the_name_in_a_text() -> None:

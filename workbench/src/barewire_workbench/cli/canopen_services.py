@@ -541,7 +541,8 @@ def _pdo_text(event: PdoReceived) -> str:
     title = _title(event.source.pdo)
     if event.values is None:
         return f"{title}: {event.data.hex(' ').upper()}: {event.why}"
-    return f"{title}: " + "; ".join(f"{name} = {show(value)}" for name, value in event.values.items())
+    types = {entry.name: entry.type or "" for entry in event.source.mapping.entries}
+    return f"{title}: " + "; ".join(f"{name} = {show(value, types[name])}" for name, value in event.values.items())
 
 
 def _pdo_fields(event: PdoReceived) -> dict[str, object]:

@@ -13,7 +13,7 @@ from rich.console import Console
 from rich.table import Table
 
 from barewire.devices import Device, Parameter, UnknownName, load, names
-from barewire.devices.parameter import range_text, show
+from barewire.devices.parameter import range_text
 from barewire.errors import fold, shown
 from barewire_workbench.cli.arguments import load_device
 from barewire_workbench.cli.output import Output, output_option, print_json
@@ -187,7 +187,7 @@ def _main_fields(parameter: Parameter) -> Iterator[str]:
     yield f"{parameter.access} {parameter.type}" + ("" if parameter.scale == 1 else f" x {parameter.scale}")
     yield parameter.unit
     yield range_text(parameter)
-    yield "" if parameter.default is None else f"default {show(parameter.default)}"
+    yield "" if parameter.default is None else f"default {parameter.plain_text(parameter.default)}"
     yield _modbus_address(parameter)
     yield parameter.places[1]
     yield f"firmware {parameter.firmware}" if parameter.firmware else ""

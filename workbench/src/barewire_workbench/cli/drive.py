@@ -207,9 +207,10 @@ def _old_target(machine: Any, device: Device) -> str:
     if not (roles.mode and roles.target_velocity and "velocity" in roles.modes):
         return ""
     with suppress(Refused):  # a drive whose commands cannot be read back is not checked
-        mode, target = (reading.value for reading in machine.read(roles.mode, roles.target_velocity))
-        if mode == roles.modes["velocity"] and target:
-            return f"{roles.target_velocity} is {show(target)} in the velocity mode: the motor turns when it is enabled"
+        mode, target = machine.read(roles.mode, roles.target_velocity)
+        if mode.value == roles.modes["velocity"] and target.value:
+            shown = target.parameter.plain_text(target.value)
+            return f"{roles.target_velocity} is {shown} in the velocity mode: the motor turns when it is enabled"
     return ""
 
 

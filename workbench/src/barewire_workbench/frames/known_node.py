@@ -44,7 +44,7 @@ class KnownObject(NamedTuple):
             return str(raw.datetime)
         if isinstance(raw, TimeDifference):
             return str(raw.timedelta)
-        return repr(raw) if isinstance(raw, str) else show(raw)
+        return repr(raw) if isinstance(raw, str) else show(raw, self.type)
 
     def read(self, data: bytes) -> str:
         """Return the value of the object from its bytes, as text; empty if they do not fit its type."""

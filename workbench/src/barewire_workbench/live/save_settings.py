@@ -17,7 +17,6 @@ from typing import NamedTuple
 
 from barewire import CanopenClient, ModbusClient
 from barewire.codecs import Value
-from barewire.devices.parameter import show
 from barewire.errors import DecodeError, NoAnswer, Refused
 from barewire.io.endpoint import Endpoint
 from barewire.io.machine import MachineClient
@@ -129,7 +128,7 @@ def machine_identity(machine: MachineClient, rules: SettingRules) -> dict[str, s
     identity |= {name: f"{number:08X}h" for name, number in told.numbers.items() if number}
     for value in read_values(machine, [*rules.model, *rules.versions]):
         if value.reading is not None:
-            identity[value.parameter.name] = show(value.reading.value)
+            identity[value.parameter.name] = value.parameter.plain_text(value.reading.value)
     return identity
 
 

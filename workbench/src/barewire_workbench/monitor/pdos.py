@@ -157,7 +157,7 @@ class PdoTracker:
             if known is not None and known.name == entry.name:
                 values[entry.name], text = known.value(value), known.text(value)
             else:
-                values[entry.name], text = value, show(value)
+                values[entry.name], text = value, show(value, entry.type or "")
             texts.append(f"{entry.name} = {text}")
         return values, tuple(texts)
 

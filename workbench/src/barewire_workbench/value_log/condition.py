@@ -71,6 +71,7 @@ def condition(text: str, machines: Sequence[Watched], parse_value: Callable[[Par
         limit: Value = _bit_value(text, column, bit, match["value"].strip())
     else:
         value = parse_value(column.parameter, _unquoted(match["value"].strip()))
+        value = column.parameter.shortened(value)
         limit = value.hex(" ").upper() if isinstance(value, bytes) else value  # as `values_of` has it
     if isinstance(limit, float) and not math.isfinite(limit):
         raise EncodeError(f"condition {shown(text)}: expected a number to compare with")

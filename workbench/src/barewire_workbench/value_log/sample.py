@@ -109,8 +109,11 @@ def plain_value(value: Value | None) -> int | float | str | None:
 
 
 def values_of(sample: Sample, columns: Sequence[Column]) -> list[Value | None]:
-    """Return the value of each column; None for one that was not read."""
-    values = [{reading.name: plain_value(reading.value) for reading in poll.readings} for poll in sample.polls]
+    """Return the value of each column, a 32-bit float without its binary tail; None for one that was not read."""
+    values = [
+        {reading.name: plain_value(reading.parameter.shortened(reading.value)) for reading in poll.readings}
+        for poll in sample.polls
+    ]
     return [values[column.machine].get(column.parameter.name) for column in columns]
 
 

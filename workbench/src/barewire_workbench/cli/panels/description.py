@@ -9,6 +9,7 @@ from typing import Any
 from barewire.codecs import Value
 from barewire.devices import Device, Parameter
 from barewire.devices.cia402 import STATUS_PATTERNS, TRANSITIONS
+from barewire.devices.parameter import show
 from barewire.devices.request_checks import to_write
 from barewire.errors import EncodeError
 from barewire.io.endpoint import Endpoint
@@ -132,8 +133,5 @@ def range_text(row: Parameter) -> str:
     """Return the range as a page shows it; empty without limits."""
     if row.minimum is None and row.maximum is None:
         return ""
-    low, high = (
-        "" if limit is None else f"{limit:g}" if abs(limit) < 1e6 else str(limit)
-        for limit in (row.minimum, row.maximum)
-    )
+    low, high = ("" if limit is None else show(limit) for limit in (row.minimum, row.maximum))
     return f"{low} … {high}".strip()
