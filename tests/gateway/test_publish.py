@@ -853,3 +853,73 @@ on_change = false
 
     with ModbusServer("rtu://pty?baudrate=115200&unit=7", {7: table}) as server:
         asyncio.run(main())
+
+
+@pytest.mark.needs("mosquitto")
+def test_the_outcome_of_a_command_is_told_before_the_publisher_ends(
+    site: Site, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """Three commands arrive, the first is under way when a reload replaces the publisher; the others are not begun."""
+    monkeypatch.setattr("barewire.gateway.publish.publisher._LAST_EXCHANGE", WAIT)
+    is_written, may_answer = threading.Event(), threading.Event()
+
+    def hold(name: str, address: int, values: Any) -> None:
+        is_written.set()
+        may_answer.wait(WAIT)
+
+    site.table.on_write = hold
+    result = "barewire/hall_1/meter/ratio/result"
+    text = site.config().replace(site.server.url, f"{site.server.url}?timeout={WAIT}")
+
+    async def main() -> None:
+        async with Listener() as listener:
+            client = await listener.listen(site.port)
+            async with Gateway(read_config(text)) as gateway:
+                publisher = gateway.publisher
+                assert publisher is not None
+                await listener.has("barewire/hall_1/meter/ratio", 1)
+                for number in (200, 300, 400):
+                    await client.publish("barewire/hall_1/meter/ratio/set", str(number), qos=1)
+                await listener.until(lambda: is_written.is_set() and publisher._lines[0].commands.qsize() == 2)
+                reload = asyncio.create_task(gateway.reload(read_config(text.replace("every = 0.05", "every = 0.06"))))
+                await listener.has(result, 2)
+                assert not reload.done()
+                may_answer.set()
+                await reload
+                await listener.has(result, 3)
+                await listener.has("barewire/hall_1/meter/status", 1, "offline")
+            outcomes = [json.loads(payload) for payload in listener.of(result)]
+            assert [(row["value"], row["ok"]) for row in outcomes] == [(300, False), (400, False), (200, True)]
+            assert "not carried out" in outcomes[0]["error"]
+            ends = [topic for topic, payload, _ in listener.heard if topic == result or payload == "offline"]
+            assert ends[:4] == [*[result] * 3, "barewire/hall_1/meter/status"]
+            assert site.table.holding_registers[0] == 200
+
+    site.start_broker()
+    asyncio.run(main())
+
+
+def test_a_command_that_is_not_over_when_the_publisher_ends_has_an_unknown_outcome(
+    site: Site, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("barewire.gateway.publish.publisher._LAST_EXCHANGE", 0.05)
+    is_written, may_answer = threading.Event(), threading.Event()
+
+    def hold(name: str, address: int, values: Any) -> None:
+        is_written.set()
+        may_answer.wait(WAIT)
+
+    site.table.on_write = hold
+    text = site.config().replace(site.server.url, f"{site.server.url}?timeout={WAIT}")
+
+    async def main() -> None:
+        async with Gateway(read_config(text)) as gateway, asyncio.timeout(WAIT):
+            assert gateway.publisher is not None
+            gateway.publisher._take_command("barewire/hall_1/meter/ratio", b"200")
+            await asyncio.to_thread(is_written.wait)
+        may_answer.set()
+
+    asyncio.run(main())
+    (line,) = (record.getMessage() for record in caplog.records if "/result" in record.getMessage())
+    assert '"ok": false' in line
+    assert "it may have been carried out" in line

@@ -14,7 +14,7 @@ import json
 import math
 import ssl
 import time
-from collections import Counter
+from collections import Counter, deque
 from collections.abc import Mapping, Sequence
 from contextlib import suppress
 from dataclasses import dataclass, field
@@ -51,6 +51,7 @@ _GOODBYE = 2.0
 """Seconds in which the broker has to take the last messages."""
 _LAST_EXCHANGE = 5.0
 """Seconds in which an exchange that is under way may end when the publisher ends."""
+_ENDS = "the publisher ends: the command was not carried out"
 _COMMANDS = 16
 """Commands that wait for a line; further ones are refused."""
 
@@ -153,7 +154,7 @@ class Publisher:
         """Why the latest read of a machine failed; empty if it did not."""
         self._news = asyncio.Event()  # there is something for the broker
         self._retained: dict[str, str] = {}  # what has to be told again after a reconnect
-        self._results: asyncio.Queue[tuple[str, str]] = asyncio.Queue(_COMMANDS * 4)
+        self._results: deque[tuple[str, str]] = deque(maxlen=_COMMANDS * 4)
         self._tasks: list[asyncio.Task[None]] = []
         self._lines = self._make_lines()
         self._by_topic = {
@@ -190,19 +191,28 @@ class Publisher:
         self.buffer.close()
 
     async def stop(self) -> None:
-        """End, and tell the broker. The buffer stays open. What is under way on the lines ends first."""
+        """End, and tell the broker. The buffer stays open. What is under way on the lines ends first; commands that
+        wait are not carried out."""
         *polling, broker = self._tasks
         await asyncio.gather(*(self._end(line, task) for line, task in zip(self._lines, polling)))
+        with suppress(TimeoutError):  # a result that is interrupted would be sent twice
+            async with asyncio.timeout(_GOODBYE):
+                while self._results and self.is_connected:
+                    await asyncio.sleep(0.01)
         self._is_stopping = True
         broker.cancel()
         await asyncio.gather(broker, return_exceptions=True)
+        for topic, payload in self._results:
+            self._log.warning("result", f"the broker did not take {topic} {payload}")
 
     async def _end(self, line: _Line, polling: asyncio.Task[None]) -> None:
         """End the polling of a line and close it, when no answer can come on it that its next client could get: that
         may be another publisher, which begins at once. On TCP answers have numbers, so there is nothing to wait for."""
         line.is_ending = True
-        if line.commands.empty():
-            line.commands.put_nowait(None)
+        while not line.commands.empty():
+            if (command := line.commands.get_nowait()) is not None:
+                self._refuse(command, _ENDS)
+        line.commands.put_nowait(None)
         await asyncio.wait([polling], timeout=_LAST_EXCHANGE)
         polling.cancel()
         await asyncio.gather(polling, return_exceptions=True)
@@ -248,7 +258,7 @@ class Publisher:
             if command is not None:
                 await self._carry_out(line, command)
             group = line.schedule.next()
-            if group.due_at <= loop.time():
+            if group.due_at <= loop.time() and not line.is_ending:
                 await self._read(line, group)
                 line.schedule.done(group, loop.time(), has_failed=not self._responds[group.machine])
 
@@ -298,16 +308,20 @@ class Publisher:
             outcome |= {"ok": False, "error": str(error)}
         except Exception as error:
             outcome |= {"ok": False, "error": f"{type(error).__name__}: {error}"}
+        except asyncio.CancelledError:
+            self._refuse(command, "the publisher ended before the outcome: it may have been carried out")
+            raise
         self._answer(command.machine, command.parameter, outcome)
         for group in line.schedule.groups if outcome["ok"] else ():
             if group.machine == command.machine and command.parameter in group.names:
                 group.due_at = min(group.due_at, asyncio.get_running_loop().time())  # the new value is read at once
 
+    def _refuse(self, command: _Command, why: str) -> None:
+        self._answer(command.machine, command.parameter, {"value": command.value, "ok": False, "error": why})
+
     def _answer(self, machine: str, parameter: str, outcome: Mapping[str, Any]) -> None:
         topic = f"{self._topics.parameter(machine, parameter)}/result"
-        if self._results.full():
-            self._results.get_nowait()
-        self._results.put_nowait((topic, json.dumps(outcome)))  # ASCII: a command may have half a surrogate pair
+        self._results.append((topic, json.dumps(outcome)))  # ASCII: a command may have half a surrogate pair
         self._news.set()
 
     # The broker
@@ -358,9 +372,10 @@ class Publisher:
         await client.publish(self._topics.status, ONLINE, qos=1, retain=True)
 
     async def _say_goodbye(self, client: Client) -> None:
-        """Publish that the polling has ended. The broker publishes the last will only after a lost connection."""
+        """Publish the outcomes that wait, and that the polling has ended: the last will is for a lost connection."""
         with suppress(self._mqtt.MqttError, TimeoutError):
             async with asyncio.timeout(_GOODBYE):
+                await self._send_results(client)
                 for machine in self.config.machines:
                     await client.publish(self._topics.machine_status(machine.name), OFFLINE, qos=1, retain=True)
                 await client.publish(self._topics.status, OFFLINE, qos=1, retain=True)
@@ -397,9 +412,7 @@ class Publisher:
                 await client.publish(topic, payload, qos=1, retain=True)
                 if self._retained.get(topic) == payload:  # it may have changed meanwhile
                     del self._retained[topic]
-            while not self._results.empty():
-                topic, payload = self._results.get_nowait()
-                await client.publish(topic, payload, qos=1)
+            await self._send_results(client)
             _end_if_cancelled()
             while rows := self.buffer.batch(_BATCH):
                 # Each is given to the client before the next; it keeps the order, and all wait for the broker together.
@@ -416,6 +429,14 @@ class Publisher:
                 )
                 self.buffer.acknowledged(rows[-1].sequence)
             await self._news.wait()
+
+    async def _send_results(self, client: Client) -> None:
+        """Send the outcomes of commands. One that the broker did not take is sent again after a reconnect."""
+        while self._results:
+            result = self._results[0]
+            await client.publish(*result, qos=1)
+            if self._results[0] is result:  # it may have been dropped meanwhile
+                self._results.popleft()
 
     async def _listen(self, client: Client) -> None:
         """Take commands, and Home Assistant's birth message."""
@@ -448,10 +469,13 @@ class Publisher:
             self._answer(machine, parameter, {"value": None, "ok": False, "error": text})
             return
         line = next(line for line in self._lines if machine in line.machines)
-        try:
-            line.commands.put_nowait(_Command(machine, parameter, value))
-        except asyncio.QueueFull:
-            self._answer(machine, parameter, {"value": value, "ok": False, "error": "too many commands wait"})
+        command = _Command(machine, parameter, value)
+        if line.is_ending:
+            self._refuse(command, _ENDS)
+        elif line.commands.full():
+            self._refuse(command, "too many commands wait")
+        else:
+            line.commands.put_nowait(command)
 
 
 def _end_if_cancelled() -> None:
