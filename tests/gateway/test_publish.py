@@ -507,6 +507,30 @@ def test_a_command_that_was_left_there_is_not_carried_out(site: Site) -> None:
     publishing(site, act)
 
 
+@pytest.mark.needs("mosquitto")
+def test_a_birth_message_that_the_broker_keeps_is_no_loop(site: Site) -> None:
+    """Home Assistant may retain it. Everything is said once for each connection, and once for each new birth."""
+
+    async def act(listener: Listener, client: aiomqtt.Client) -> None:
+        description = "barewire/hall_1/meter/description"
+        await listener.has("barewire/hall_1/meter/count", 20)
+        assert len(listener.of(description)) == 1
+        await client.publish("homeassistant/status", "online", qos=1, retain=True)
+        await listener.has(description, 2)
+        before = len(listener.of("barewire/hall_1/meter/count"))
+        await listener.has("barewire/hall_1/meter/count", before + 20)
+        assert len(listener.of(description)) == 2
+
+    async def leave() -> None:
+        client = await connected(site.port)
+        await client.publish("homeassistant/status", "online", qos=1, retain=True)
+        await client.__aexit__(None, None, None)
+
+    site.start_broker()
+    asyncio.run(leave())
+    publishing(site, act)
+
+
 class Relay:
     """A way to the broker that the test opens and closes."""
 

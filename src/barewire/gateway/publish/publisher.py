@@ -360,9 +360,6 @@ class Publisher:
 
     async def _say_everything(self, client: Client) -> None:
         """Publish what is retained: birth, descriptions, discovery, and whether each machine responds."""
-        await client.subscribe(self._topics.commands, qos=1)
-        if self.config.home_assistant:
-            await client.subscribe(f"{self.config.home_assistant}/status", qos=1)
         for topic, payload in self._introduction():
             await client.publish(topic, payload, qos=1, retain=True)
         self._retained = {
@@ -403,7 +400,10 @@ class Publisher:
         return messages
 
     async def _send(self, client: Client) -> None:
-        """Say everything, send what there is, in order, and wait for more."""
+        """Subscribe, say everything, send what there is, in order, and wait for more."""
+        await client.subscribe(self._topics.commands, qos=1)
+        if self.config.home_assistant:
+            await client.subscribe(f"{self.config.home_assistant}/status", qos=1)
         await self._say_everything(client)
         while True:
             self._news.clear()
@@ -441,6 +441,8 @@ class Publisher:
     async def _listen(self, client: Client) -> None:
         """Take commands, and Home Assistant's birth message."""
         async for message in client.messages:
+            if message.retain:
+                continue  # a command that was left there long ago is not carried out, and birth is not told again
             topic, payload = str(message.topic), message.payload
             data = payload if isinstance(payload, bytes | bytearray) else str(payload).encode()
             if topic == f"{self.config.home_assistant}/status":
@@ -450,8 +452,6 @@ class Publisher:
                     for known in self._filters.values():
                         known.forget()  # every state is published again with the next poll
                 continue
-            if message.retain:
-                continue  # a command that was left there long ago is not carried out
             self._take_command(topic.removesuffix("/set"), bytes(data))
 
     def _take_command(self, topic: str, data: bytes) -> None:
