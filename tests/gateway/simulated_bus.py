@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from dataclasses import dataclass, field
 
 from barewire.gateway.dispatch import NO_RESPONSE, Dispatcher, Exchange, Query
@@ -23,6 +24,8 @@ class SimulatedBus:
     dispatcher: Dispatcher
     takes: float = 0.01
     silent: set[int] = field(default_factory=set)
+    ignores: Callable[[RawRequest], bool] = lambda request: False
+    """Which requests no unit answers, though it answers others."""
     now: float = 0.0
     log: list[Exchange] = field(default_factory=list)
     answers: list[tuple[Query, bytes]] = field(default_factory=list)
@@ -47,9 +50,12 @@ class SimulatedBus:
         assert len(found) < 2
         return found[0].hex(" ") if found else None
 
+    def _is_silence(self, exchange: Exchange) -> bool:
+        return exchange.unit in self.silent or self.ignores(exchange.request)
+
     def handle(self, exchange: Exchange) -> bytes | int:
         """What a unit makes of an exchange."""
-        if exchange.unit in self.silent:
+        if self._is_silence(exchange):
             return NO_RESPONSE
         if exchange.unit not in self.units:
             self.units[exchange.unit] = Table(200)
@@ -69,7 +75,7 @@ class SimulatedBus:
             self.now = self.dispatcher.wake
             return True
         self.log.append(exchange)
-        self.now += exchange.timeout if exchange.unit in self.silent else self.takes
+        self.now += exchange.timeout if self._is_silence(exchange) else self.takes
         self.dispatcher.finish(exchange, self.handle(exchange), self.now)
         return True
 

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections import Counter
-from itertools import count, pairwise
+from collections.abc import Callable
+from itertools import count, cycle, pairwise
 
 import pytest
 from hypothesis import given, strategies as st
@@ -245,6 +246,131 @@ def test_a_dead_unit_of_a_bus_with_little_to_do_is_tried_after_each_pause() -> N
     trials = [exchange.started for exchange in bus.log if exchange.unit == 9]
     pauses = [later - earlier - 0.3 for earlier, later in pairwise(trials[1:])]
     assert pauses == pytest.approx([1.0, 2.0, 4.0, 8.0], abs=0.15)
+
+
+# Requests that a unit ignores, though it answers others
+
+
+UNKNOWN = RawRequest(b"\x41\x01")
+
+
+def beyond(request: RawRequest) -> bool:
+    """Whether a unit ignores a request: an unknown function, or a register from 500 on."""
+    return request.pdu[0] == 0x41 or int.from_bytes(request.pdu[1:3], "big") >= 500
+
+
+def poll(bus: SimulatedBus, until: float, *polls: tuple[Caller, float, Callable[[], RawRequest]]) -> list[list[str]]:
+    """Let clients ask unit 1 one request after the other, each with its pause; return their answers."""
+    due, asked = [0.0] * len(polls), [None] * len(polls)  # type: tuple[list[float], list[Query | None]]
+    answers: list[list[str]] = [[] for _ in polls]
+    while bus.now < until:
+        for place, (client, pause, make) in enumerate(polls):
+            query = asked[place]
+            if query is not None and (answer := bus.answer_to(query)) is not None:
+                answers[place].append(answer)
+                asked[place], due[place] = None, bus.now + pause
+            if asked[place] is None and bus.now >= due[place]:
+                asked[place] = bus.submit(client, 1, make())
+        bus.answers = [row for row in bus.answers if row[0] in asked]
+        if not bus.step() and not bus.answers:
+            bus.now = max(bus.now + 0.001, min(at for at, query in zip(due, asked) if query is None))
+    return answers
+
+
+@pytest.mark.parametrize("requests", [[UNKNOWN], [read(500)], [UNKNOWN, read(500), write(500, 1), write(500, 2)]])
+@pytest.mark.parametrize("pause", [0.05, 0.5, 3.0])
+@pytest.mark.parametrize("rarely", [1.0, 10.0])
+def test_what_a_unit_ignores_takes_it_from_no_other_client(
+    requests: list[RawRequest], pause: float, rarely: float
+) -> None:
+    bus = SimulatedBus(Dispatcher(), ignores=beyond)
+    good, bad = poll(bus, 600.0, (A, rarely, lambda: read(5)), (B, pause, cycle(requests).__next__))
+    assert set(good) == {"03 02 00 00"}
+    assert {answer[3:] for answer in bad} == {"0b"}
+    assert sum(row.unit == 1 and beyond(row.request) for row in bus.log) <= 26 * len(requests)
+    command = bus.submit(C, 1, write(40, 1))
+    bus.run()
+    assert bus.answer_to(command) == "06 00 28 00 01"
+
+
+@pytest.mark.parametrize("rarely", [0.3, 1.0, 10.0])
+def test_a_client_that_searches_a_unit_takes_it_from_no_other(rarely: float) -> None:
+    bus, numbers = SimulatedBus(Dispatcher(), ignores=beyond), count(500)
+    good, _ = poll(bus, 600.0, (A, rarely, lambda: read(5)), (B, 0.05, lambda: read(next(numbers))))
+    assert set(good) == {"03 02 00 00"}
+
+
+@pytest.mark.parametrize("rarely", [1.0, 10.0])
+def test_a_unit_that_is_first_asked_for_what_it_ignores_is_found_soon(rarely: float) -> None:
+    bus = SimulatedBus(Dispatcher(), ignores=beyond)
+    poll(bus, 30.0, (B, 0.05, lambda: UNKNOWN))
+    good, _ = poll(bus, 90.0, (A, rarely, lambda: read(5)), (B, 0.05, lambda: UNKNOWN))
+    assert good[-1] == "03 02 00 00"
+    assert good.count("83 0b") <= 31.0 / rarely + 1
+
+
+@pytest.mark.parametrize("rarely", [0.3, 1.0, 10.0])
+def test_a_unit_that_was_off_answers_all_again_soon_though_some_ask_for_what_it_ignores(rarely: float) -> None:
+    bus = SimulatedBus(Dispatcher(), ignores=beyond)
+    polls = (A, rarely, lambda: read(5)), (B, 0.05, lambda: UNKNOWN)
+    poll(bus, 60.0, *polls)
+    bus.silent = {1}
+    poll(bus, 300.0, *polls)
+    bus.silent = set()
+    good, _ = poll(bus, 400.0, *polls)
+    assert good[-1] == "03 02 00 00"
+    assert good.count("83 0b") <= 62.0 / rarely + 1
+
+
+def test_a_unit_that_was_replaced_is_found_by_those_that_ask_the_new_one() -> None:
+    bus, is_new = SimulatedBus(Dispatcher()), False
+    bus.ignores = lambda request: (request.pdu == read(5).pdu) is is_new
+    polls = (A, 0.3, lambda: read(5)), (B, 1.0, lambda: read(6))
+    poll(bus, 60.0, *polls)
+    is_new = True
+    _, new = poll(bus, 200.0, *polls)
+    assert new[-30:] == ["03 02 00 00"] * 30
+
+
+@pytest.mark.parametrize(("same", "costs"), [(True, 2), (False, 4)])
+def test_a_unit_that_dies_costs_two_requests_and_twice_that_if_all_are_new(same: bool, costs: int) -> None:
+    bus, numbers = SimulatedBus(Dispatcher()), count(10)
+    for _ in range(5):
+        bus.submit(A, 1, read(5))
+        bus.run()
+    bus.silent = {1}
+    for _ in range(20):
+        bus.submit(A, 1, read(5 if same else next(numbers)))
+        bus.run()
+    assert len(bus.log) == 5 + costs
+    known = bus.submit(A, 1, read(5))
+    bus.run()
+    assert bus.answer_to(known) == "83 0b"
+    assert len(bus.log) == 5 + costs + (not same)
+    bus.submit(A, 1, read(5))
+    bus.run()
+    assert len(bus.log) == 5 + costs + (not same)
+
+
+@pytest.mark.parametrize("merge", [1, 4])
+def test_merged_reads_that_are_ignored_together_go_out_alone(merge: int) -> None:
+    """Also if what the unit ignores is a register that none asked for."""
+    bus = SimulatedBus(Dispatcher(default=UnitConfig(merge=merge)))
+    bus.ignores = lambda request: 7 in range(request.pdu[2], sum(request.pdu[2:5]))
+    for _ in range(100):
+        queries = [bus.submit(client, 1, read(address)) for client, address in ((A, 5), (B, 7), (C, 9))]
+        bus.run()
+        assert [bus.answer_to(query) for query in queries] == ["03 02 00 00", "83 0b", "03 02 00 00"]
+        bus.now += 0.1
+    assert sum(bus.ignores(row.request) for row in bus.log) <= 12
+
+
+def test_a_dead_unit_costs_no_more_if_reads_are_merged() -> None:
+    bus = SimulatedBus(Dispatcher(default=UnitConfig(merge=0)), silent={1})
+    queries = [bus.submit(A, 1, read(address)) for address in range(10)]
+    bus.run()
+    assert len(bus.log) == 2
+    assert {bus.answer_to(query) for query in queries} == {"83 0b"}
 
 
 def test_the_pause_of_a_unit_does_not_delay_others() -> None:

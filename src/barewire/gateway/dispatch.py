@@ -15,7 +15,13 @@ when its turn comes. So one that only writes gets no more turns than the others.
 
 **A dead unit** left `dead_after` requests in a row unanswered. Queries for it get 0B at once, until its pause is over.
 Then one query is sent to it, on trial, if the others use less than a quarter of the time; on a bus that is used more,
-trials take no more than one fiftieth of the time. The pause doubles with each trial that fails.
+trials take no more than one fiftieth of the time. The pause doubles with each trial that fails. A trial goes to another
+client and another request than the one before, if such have come.
+
+**What a unit ignores** says nothing about it: units leave unknown functions and addresses unanswered. So of a unit that
+answers, a request that it never answered is counted for itself: only requests like it get 0B, and are tried. Unless it
+ignores `dead_after` of them without a response in between: then it may be dead, and the next ones count. Until one is
+unanswered that it has answered before, such requests are still sent.
 
 **A read joins** an identical one that is queued or under way, unless a write to that unit was submitted in between. A
 response is kept for `cache` seconds, and adjacent reads are merged into one, where the options of the unit allow it.
@@ -50,6 +56,9 @@ _GAPS = 4
 
 _CACHED = 256
 """The most responses of a unit that are kept."""
+
+_KINDS = 512
+"""The most kinds of queries of a unit that are remembered."""
 
 
 ASKING = UnitOptions(dead_after=2)
@@ -95,6 +104,11 @@ class Query:
 
     def __repr__(self) -> str:
         return f"<Query {self.request.name} to unit {self.unit} of {self.client!r}>"
+
+    @property
+    def kind(self) -> bytes:
+        """What requests that a unit answers, or ignores, have in common: of a write not its values."""
+        return self.request.pdu[:3] if self.writes else self.request.pdu
 
     @property
     def size(self) -> int:
@@ -196,6 +210,20 @@ class UnitRecord(UnitState):
         self.cached: dict[bytes, tuple[float, bytes]] = {}
         self.mergeable: dict[Query, _Span] = {}
         """The reads that wait and may become part of a merged one."""
+        self.answered: set[bytes] = set()
+        """The kinds of queries that it has answered."""
+        self.ignored: dict[bytes, UnitState] = {}
+        """Those that it has not, though it answers others. Each may be dead for itself."""
+        self.ignores = 0
+        """How many were added to them since its latest response."""
+        self.doubts = 0
+        """How many queries were unanswered since then whose kind it has answered before."""
+        self.tried: tuple[Caller, bytes] | None = None
+        """The client and the request that it left unanswered last, if that made it dead or left it so."""
+        self.others_wait = False
+        """Whether another client was declined since then that asked for something else."""
+        self.merging = UnitState(UnitOptions(dead_after=1))
+        """Whether merged reads have responses, and the pause after one that had none."""
 
     def decline(self, query: Query, code: int) -> None:
         """Answer a query with an exception code of the gateway."""
@@ -206,7 +234,40 @@ class UnitRecord(UnitState):
     def answer(self, query: Query, pdu: bytes) -> None:
         """Answer a query with a response of the unit."""
         self.counters.answered += 1 + len(query.followers)
+        kind = query.request.pdu[:3] if query.writes else query.request.pdu
+        if kind not in self.answered:
+            if len(self.answered) >= _KINDS:
+                self.answered.clear()
+            self.answered.add(kind)
+            self.ignored.pop(kind, None)
         query.answer(pdu)
+
+    def blocker(self, query: Query) -> UnitState | None:
+        """Return what is dead if a query must not be sent: the unit, or what it ignores."""
+        if self.is_dead and (self.doubts or query.kind not in self.answered):
+            return self
+        ignored = self.ignored.get(query.kind)
+        return ignored if ignored is not None and ignored.is_dead else None
+
+    def left_unanswered(self, queries: list[Query], now: float) -> None:
+        """Count queries that went out as one request and have no response."""
+        kind = queries[0].kind
+        is_known = kind in self.answered
+        is_merged = len(queries) > 1
+        if is_merged:
+            self.merging.was_silent(now)
+        elif self.answered and not is_known and not self.is_dead:
+            if kind not in self.ignored and self.ignores < self.options.dead_after:
+                if len(self.ignored) >= _KINDS:
+                    self.ignored.clear()
+                self.ignored[kind] = UnitState(self.options)
+                self.ignores += 1
+            if kind in self.ignored:
+                self.ignored[kind].was_silent(now)
+                return
+        self.doubts += is_known and not is_merged
+        self.was_silent(now)
+        self.tried, self.others_wait = (queries[0].client, queries[0].request.pdu), False
 
     def changed(self) -> None:
         """Record that a write was submitted or ended: what was read before may be out of date."""
@@ -336,8 +397,8 @@ class Dispatcher:
                 leader.followers.append(query)
                 state.counters.joined += 1
                 return None
-        if state.silent and state.is_dead:
-            self._try_dead_unit(query, state, now)
+        if (state.silent or state.ignored) and (blocker := state.blocker(query)) is not None:
+            self._try_dead_unit(query, state, blocker, now)
         elif is_lane_free and not self.size and self._trial is None and self._is_ready(state, now):
             if not query.writes:
                 state.joinable[query.request.pdu] = query
@@ -352,15 +413,21 @@ class Dispatcher:
         """Whether a unit may be asked now: its pause is over, and it may have one more exchange under way."""
         return state.free_at <= now and not (self.one_each and state.under_way)
 
-    def _try_dead_unit(self, query: Query, state: UnitRecord, now: float) -> None:
+    def _try_dead_unit(self, query: Query, state: UnitRecord, blocker: UnitState, now: float) -> None:
         """Let one query to a dead unit go out next, on trial, if one is due; decline the others.
 
-        One trial at a time, so that none waits for the time-out of others.
+        One trial at a time, so that none waits for the time-out of others. Others than the latest have precedence.
         """
-        is_due = now >= state.dead_until and (now >= self._next_trial or self._has_gaps(now))
+        is_other, due_at = False, blocker.dead_until
+        if blocker is state and state.tried is not None:
+            is_other = query.client is not state.tried[0] and query.request.pdu != state.tried[1]
+            if state.others_wait and not is_other:
+                due_at += state.options.longest_pause
+        is_due = now >= due_at and (now >= self._next_trial or self._has_gaps(now))
         if is_due and self._trial is None and self._tried is None:
             self._trial = query
         else:
+            state.others_wait |= is_other
             state.decline(query, NO_RESPONSE)
 
     def _has_gaps(self, now: float) -> bool:
@@ -394,7 +461,8 @@ class Dispatcher:
         if query.writes:
             return
         state.joinable.setdefault(query.request.pdu, query)
-        if state.config.merge is not None and not query.must_be_alone and (span := _span(query.request)) is not None:
+        may_merge = state.config.merge is not None and not query.must_be_alone
+        if may_merge and query.request.pdu not in state.ignored and (span := _span(query.request)) is not None:
             state.mergeable[query] = span
 
     def _leave_queue(self, query: Query) -> None:
@@ -490,7 +558,8 @@ class Dispatcher:
         state.under_way += 1
         state.counters.requests += 1
         queries, request = [query], query.request
-        if state.config.merge is not None and not query.must_be_alone and (span := _span(request)) is not None:
+        may_merge = state.config.merge is not None and not query.must_be_alone and state.merging.dead_until <= now
+        if may_merge and (span := _span(request)) is not None:
             queries, request = self._merged(query, span, state)
         return Exchange(query.unit, request, state.options.timeout, queries, state.epoch, now)
 
@@ -543,21 +612,26 @@ class Dispatcher:
         if isinstance(response, int):
             if is_silence:
                 counters.no_responses += 1
-                self._was_silent(state, now, took)
+                self._was_silent(state, exchange, now, took)
             for query in exchange.queries:
-                state.decline(query, response)
+                if is_silence and len(exchange.queries) > 1 and state.blocker(query) is None:
+                    query.must_be_alone = True
+                    self._wait(query, state)
+                else:
+                    state.decline(query, response)
         elif response is None:
             for query in exchange.queries:
                 query.answer(None)
         else:
-            if state.silent:
-                was_dead, state.silent = state.is_dead, 0
+            if state.silent or state.ignores:
+                was_dead, state.silent, state.ignores, state.doubts = state.is_dead, 0, 0, 0
                 if was_dead and self.on_death_or_return is not None:
                     self.on_death_or_return(state)
             counters.latest = took
             counters.total += took
             counters.exceptions += response[0] >> 7
             if len(exchange.queries) > 1:
+                state.merging.silent = 0
                 self._give_parts(state, exchange, response, now)
             else:
                 self._keep(state, exchange, exchange.queries[0], response, now)
@@ -581,20 +655,22 @@ class Dispatcher:
         if state.joinable.get(query.request.pdu) is query:
             del state.joinable[query.request.pdu]
 
-    def _was_silent(self, state: UnitRecord, now: float, took: float) -> None:
+    def _was_silent(self, state: UnitRecord, exchange: Exchange, now: float, took: float) -> None:
         """Count a request without a response, which took so long."""
-        state.was_silent(now)
-        if not state.is_dead:
-            return
-        if state.silent == state.options.dead_after and self.on_death_or_return is not None:
+        was_dead = state.is_dead
+        state.left_unanswered(exchange.queries, now)
+        if state.is_dead and not was_dead and self.on_death_or_return is not None:
             self.on_death_or_return(state)
+        if state.blocker(exchange.queries[0]) is None:
+            return
         self._next_trial = now + _TRIAL_SHARE * took
         self._busy, self._busy_since = 0.0, now
         waiting = [query for queue in self._waiting.values() for query in queue.all() if query.unit == state.number]
         for query in waiting:
-            self._leave_queue(query)
-            self._end(query, state)
-            state.decline(query, NO_RESPONSE)
+            if state.blocker(query) is not None:
+                self._leave_queue(query)
+                self._end(query, state)
+                state.decline(query, NO_RESPONSE)
 
     def _give_parts(self, state: UnitRecord, exchange: Exchange, response: bytes, now: float) -> None:
         """Give each query of a merged read its part; let each go out alone if the unit declined all of it together."""
