@@ -231,7 +231,7 @@ def serving(server: Server, timing: Timing | None = None) -> Peer:
             replies = server.feed(None, server.deadline)
         for reply in replies:
             out = max(reply.at, now) + (timing.duration(len(reply.data)) if timing else 0.0)
-            server.line.sent(out)
+            server.sent(out)
             sent.append((out, reply.data))
         return sent
 

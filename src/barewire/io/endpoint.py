@@ -37,7 +37,7 @@ rtu, ascii      baudrate         19200             bit/s; of a machine by name i
                 rs485            off               what sets the direction of the line: off, kernel or rts
                 pace             0, server 1       1: send on a pseudo-terminal as slowly as on a real line
 rtu, ascii,     patience         as latency        seconds of the longest pause in a frame, or "strict"; ascii: 1
-  tunnels       echo             0                 1: what is sent comes back first; auto: read a register to find out
+  tunnels       echo             0                 1: what is sent comes back first; auto: find out
 rtu, rtu+tcp    latency          usb, tunnel       uart, usb or tunnel: see LATENCIES
 can             node             device's own, 1   node-ID, 1..127
                 timeout          1                 seconds

@@ -6,15 +6,26 @@ import asyncio
 import os
 import select
 import threading
-from collections.abc import Iterator
+import time
+from collections.abc import Awaitable, Callable, Iterator
 from contextlib import contextmanager
 from typing import Any
 
 import pytest
 
 from barewire import AsyncModbusServer, ModbusServer
-from barewire.modbus import Delayed, ReadHoldingRegisters, ReadHoldingRegistersResponse, Response
+from barewire.io.ports.async_links import SerialLink
+from barewire.io.ports.serial import SerialPort
+from barewire.modbus import (
+    Delayed,
+    ReadHoldingRegisters,
+    ReadHoldingRegistersResponse,
+    Response,
+    Table,
+    WriteSingleRegister,
+)
 from barewire.rtu import encode
+from tests.helpers import PATIENCE
 
 SERVERS = pytest.mark.parametrize("kind", ["thread", "asyncio"])
 
@@ -105,3 +116,56 @@ def test_a_request_during_a_late_response_is_answered_after_it(kind: str) -> Non
         os.write(line, request(2))
         expected = response(3) + response(2)
         assert received(line, len(expected)) == expected
+
+
+WRITE = encode(1, WriteSingleRegister(5, 1).encode())
+
+
+@SERVERS
+def test_a_write_is_carried_out_again_although_sending_its_response_ended_late(
+    kind: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    """As on a busy machine: the next request, a silence behind the response, is received before the server goes on."""
+    monkeypatch.setattr(SerialPort, "send", _ends_late(SerialPort.send))
+    monkeypatch.setattr(SerialLink, "sent", _ends_late_in_loop(SerialLink.sent))
+    table = Table(10)
+    with line_with_server(kind, table) as line:
+        for _ in range(5):
+            os.write(line, WRITE)
+            assert received(line, len(WRITE)) == WRITE
+            time.sleep(0.0025)  # t3.5 is 1.75 ms
+
+
+def _ends_late(send: Callable[[SerialPort, bytes], None]) -> Callable[[SerialPort, bytes], None]:
+    def slow(port: SerialPort, item: bytes) -> None:
+        send(port, item)
+        time.sleep(0.05)
+
+    return slow
+
+
+def _ends_late_in_loop(sent: Callable[[SerialLink], Awaitable[None]]) -> Callable[[SerialLink], Awaitable[None]]:
+    async def slow(link: SerialLink) -> None:
+        await sent(link)
+        await asyncio.sleep(0.05)
+
+    return slow
+
+
+@SERVERS
+@pytest.mark.parametrize("echo", ["1", "auto"])
+def test_a_server_on_an_adapter_that_echoes_late_executes_a_write_once(
+    kind: str, echo: str, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    monkeypatch.setattr("barewire.modbus.server.server._ECHO_WITHIN", PATIENCE)
+    writes: list[object] = []
+    with line_with_server(kind, Table(10, on_write=lambda *change: writes.append(change)), echo=echo) as line:
+        os.write(line, WRITE)
+        assert received(line, len(WRITE)) == WRITE
+        time.sleep(0.005)
+        os.write(line, WRITE)
+        other = encode(1, ReadHoldingRegisters(5, 1).encode())
+        os.write(line, other)
+        answer = encode(1, ReadHoldingRegistersResponse((1,)).encode())
+        assert received(line, len(answer)) == answer
+    assert len(writes) == 1

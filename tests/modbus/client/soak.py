@@ -116,7 +116,7 @@ class BadWire(Wire[bytes]):
         data = self.damage(fault, data)
         delay = {"slow": 0.9 * TIMEOUT, "late": TIMEOUT * self.dice.uniform(1.01, 2.5)}.get(fault or "", 0.005)
         start = self.free_at = max(self.free_at, now) + delay
-        self.server.line.sent(start)
+        self.server.sent(start)
         cuts = sorted(self.dice.sample(range(1, len(data)), 2)) if fault == "pieces" and len(data) > 3 else []
         for step, (low, high) in enumerate(zip([0, *cuts], [*cuts, len(data)])):
             if high > low:

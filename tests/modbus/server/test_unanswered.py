@@ -1,14 +1,14 @@
-"""Frames on a serial line that a server must not answer: stale requests, echoes of its responses, exceptions."""
+"""Frames on a serial line that a server must not answer: stale requests and exceptions."""
 
 from __future__ import annotations
 
 import pytest
 
 from barewire.ascii import AsciiLine
-from barewire.modbus import EchoLine, Server, Table
-from barewire.rtu import RtuLine, encode as rtu_frame
+from barewire.modbus import Server, Table
+from barewire.rtu import encode as rtu_frame
 from tests.helpers import unhex
-from tests.modbus.server.test_server import TIMING, answer, rtu_server, tcp_server
+from tests.modbus.server.test_server import answer, rtu_server, tcp_server
 
 # Stale requests --------------------------------------------------------------------------------------------------
 
@@ -83,29 +83,3 @@ def test_a_function_with_bit_7_is_not_a_request(pdu: str) -> None:
     for server in (rtu_server(), tcp_server()):
         assert answer(server, pdu) is None
         assert (server.statistics.not_requests, server.statistics.requests, server.statistics.exceptions) == (1, 0, 0)
-
-
-@pytest.mark.parametrize("pdu", ["06 0000 0007", "08 0000 A537"])
-def test_an_echo_of_the_servers_response_is_not_a_request(pdu: str) -> None:
-    """It has the bytes of its request. If it were taken for a request, the server would answer itself endlessly."""
-    frame = rtu_frame(1, unhex(pdu))
-    server = rtu_server()
-    (reply,) = server.feed(frame, 1.0)
-    assert reply.data == frame
-    out = reply.at + TIMING.duration(len(frame))
-    server.line.sent(out)
-    assert server.feed(frame, out + 0.0005) == []
-    assert server.statistics.echoes == 1
-    assert server.feed(frame, out + 0.1) != [], "the same bytes, when other stations may send again"
-
-
-def test_each_request_on_an_echoing_line_is_answered_once() -> None:
-    line = EchoLine(RtuLine(TIMING, role="server", units={1}))
-    server = Server(line, {1: Table(10)}, serial=True)
-    now = 1.0
-    for _ in range(3):
-        (reply,) = server.feed(WRITE_7, now)
-        line.sent(reply.at)
-        assert server.feed(reply.data, reply.at + 0.03) == [], "from an adapter that delivers the echo late"
-        now += 1.0
-    assert server.statistics.requests == 3

@@ -154,7 +154,7 @@ def serving(server):
     while True:
         if replies and heard.item is None and heard.now >= replies[0].at:
             heard = yield Send(replies.pop(0).data)
-            server.line.sent(heard.now)
+            server.sent(heard.now)
         else:
             if heard.item and server.serial:  # in the silence before a response: its client does not expect it any more
                 replies.clear()

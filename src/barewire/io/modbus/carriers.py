@@ -106,7 +106,7 @@ def modbus_line(endpoint: Endpoint, role: _Role, units: Container[int] = ()) -> 
     from barewire.modbus.echo import EchoLine
 
     if echo == "auto":
-        # A server needs no probe: it recognizes its own answer, which arrives before any other unit may send.
+        # A server needs no such line: the echo of a response of registers is no request, see `Server`.
         return EchoLine(line, echoes=None) if role == "client" else line
     return EchoLine(line)
 

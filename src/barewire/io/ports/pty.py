@@ -59,15 +59,12 @@ class PseudoTerminal:
                 self.close()
                 raise PortError(f"{link}: {reason(error)}") from None
         self.name = link or self.path
-        self.sent_at = time.monotonic()
-        """When the latest bytes arrived at the other end. On a busy machine `send` returns much later."""
 
     def send(self, item: bytes) -> None:
         """Send bytes. With `pace` they arrive at the end of the time that sending takes, so that no answer arrives
         before it is over."""
         if self._pace:
             time.sleep(self._pace.duration(len(item)))
-        self.sent_at = time.monotonic()
         try:
             unsent = memoryview(item)
             while unsent:

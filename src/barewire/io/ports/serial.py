@@ -84,6 +84,8 @@ class SerialPort:
         self._timed = pace or not self._is_pseudo_terminal
         self._pace = settings.timing if pace else None
         self._character = settings.timing.character
+        self.character = 0.0 if self._is_pseudo_terminal else self._character
+        """Seconds in which a byte reaches other stations: a pseudo-terminal has no speed, whatever its `pace`."""
         self._rts = rs485 == "rts"
         self._set_direction = set_direction
         self._turns = self._rts or set_direction is not None  # this port sets the direction of the line

@@ -245,7 +245,7 @@ class _Connection(UnitsConnection, asyncio.BufferedProtocol):
     def _set_timer(self, has_sent: bool) -> None:
         """Set the timer for the next silence of a serial line, which may be at the end of a tunnel."""
         if has_sent:
-            self._line.sent(self._loop.time())
+            self._server.sent(self._loop.time())
         if self._timer is not None:
             self._timer.cancel()
         deadline = self._server.deadline

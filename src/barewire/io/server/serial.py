@@ -41,13 +41,15 @@ class SerialService(UnitsServer):
     def __init__(self, endpoint: Endpoint, units: Mapping[int, AnyUnit], faults: Faults[bytes] | None = None) -> None:
         super().__init__(endpoint, units)
         self._server = _server_of(self)
+        self._character = 0.0  # seconds that a byte takes to other stations: a pseudo-terminal has no speed
         self.port: Port[bytes]
         is_new = sys.platform != "win32" and not os.path.exists(endpoint.place)  # there a port is no file
         if endpoint.place == PSEUDO_TERMINAL or is_new:
             self.port = terminal = _new_terminal(endpoint)
             self.url = str(endpoint._replace(place=terminal.name))
         else:
-            self.port = SerialPort.of_server(endpoint)
+            self.port = port = SerialPort.of_server(endpoint)
+            self._character = port.character
             self.url = str(endpoint)
         self._answer: Callable[[bytes, bytes], None] = lambda data, request: self.port.send(data)
         if faults is not None:
@@ -71,9 +73,10 @@ class SerialService(UnitsServer):
                 time.sleep(max(0.0, reply.at - clock()))
                 if watch is not None:
                     watch("sent", reply.data)
+                began, takes = clock(), self._character * len(reply.data)
                 self._answer(reply.data, reply.request)
-                # A client that receives the answer at once may send after one silence; the line must accept that.
-                self.line.sent(self.port.sent_at if isinstance(self.port, PseudoTerminal) else clock())
+                # On a busy machine it returns late, when the next request may have been received already.
+                self._server.sent(min(clock(), began + takes), takes)
 
     def close(self) -> None:
         """Release the port."""
@@ -87,6 +90,7 @@ class SerialServer(UnitsServer):
     _loop: asyncio.AbstractEventLoop
     _link: SerialLink
     _watch: Watch | None
+    _character: float
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, AnyUnit], inject: Inject | None = None) -> None:
         super().__init__(endpoint, units, inject)
@@ -104,7 +108,9 @@ class SerialServer(UnitsServer):
         from barewire.io.ports.async_links import SerialLink
 
         self._loop = get_running_loop()
-        self._link = SerialLink(SerialPort.of_server(self.endpoint), self._feed, self._fail)
+        port = SerialPort.of_server(self.endpoint)
+        self._character = port.character
+        self._link = SerialLink(port, self._feed, self._fail)
         self.log.serving(str(self.endpoint), self.units)
         self._watch = self.log.watch()
         self._is_open = True
@@ -140,7 +146,6 @@ class SerialServer(UnitsServer):
                 else:
                     self.inject(reply, self._write)
             await self._link.sent()
-            self.line.sent(self._loop.time())
         finally:
             self._link.resume_reading()
             self._set_timer()
@@ -148,6 +153,8 @@ class SerialServer(UnitsServer):
     def _write(self, frame: bytes) -> None:
         if self._watch is not None:
             self._watch("sent", frame)
+        takes = self._character * len(frame)
+        self._server.sent(self._loop.time() + takes, takes)
         with suppress(PortError):
             self._link.write(frame)
 
@@ -178,6 +185,7 @@ def _server_of(shared: UnitsServer, **options: Any) -> Server:
         serial=True,
         statistics=shared.statistics,
         on_failure=shared.log.failed,
+        echoes=shared.echoes,
         **options,
     )
 

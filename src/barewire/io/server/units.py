@@ -50,6 +50,10 @@ class UnitsServer:
         self.connections: ConnectionTable[Any] = ConnectionTable(endpoint, self.statistics, self.log)
         self.line = modbus_line(endpoint, "server", units)
         """The framing state of a port without connections; of others it shows that the options are right."""
+        self.echoes: bool | None = None if endpoint.is_serial_port else False
+        """Whether the line echoes, for `Server`. Behind a tunnel is a program, or an adapter of its own."""
+        if endpoint.choice("echo", "0") == "auto":
+            self.echoes = True
 
 
 class UnitsConnection(ABC):
@@ -73,6 +77,7 @@ class UnitsConnection(ABC):
             on_failure=shared.log.failed,
             on_refusal=self._refused,
             caller=self.caller,
+            echoes=shared.echoes,
             **options,
         )
 

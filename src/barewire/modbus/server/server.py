@@ -14,9 +14,27 @@ The order of checks is that of the standard's figures: function (01), then quant
   with the next request. Such a *stale* request is dropped if it reads, and carried out without response if it writes.
 - Up to three bytes after a request are a glitch of a line that changes direction. The request is answered as soon as
   it is certain that no more bytes follow.
-- The server's own response, received before any station may send, is an echo and not a request. A line that echoes
-  later than that needs an `EchoLine`.
 - Functions 08, 0B and 0C are answered from `counters` if the unit does not answer them itself.
+
+**A line that echoes** returns what the server sends: the receiver of its adapter stays on. The response to function 05,
+06, 08 or 16 has the bytes of its request, so a server that took its echo for a request would answer it, and the next
+echo again, for ever. But a master may well send the same write twice:
+
+    master    06 0001 0007                                       06 0001 0007    not before t3.5, and it takes its time
+    server                   06 0001 0007 |<- t3.5 ->|<- takes ->|
+    adapter                  06 0001 0007                                        its echo, or
+                                       06 0001 0007                              late, as USB delivers it
+
+- A copy of the latest response that cannot be a request, such as values of registers or an exception, is an echo: the
+  line echoes. From then on the first copy of a response within a second is its echo.
+- Three responses in a row that were each followed by another frame than a copy: the line does not echo. From then on
+  every copy is a request.
+- Before either is known, a copy that is complete before another station can have sent it is an echo, another one is a
+  request. But the hundredth of these in a row, each within 0.05 s of its response, gets exception 06 (busy), whose copy
+  cannot be a request. So no write is carried out for ever.
+
+With `echoes=True` (`echo=auto` in a URL) a server begins as on a line that is known to echo. With an `EchoLine`
+(`echo=1`), which removes echoes byte by byte, it sees no copies.
 
 **On TCP** every request is answered, with its transaction number. Requests beyond `transactions` in one read get
 exception 06 (busy). A frame with bit 7 of the function set is not a request there either: it is ignored, because any
@@ -55,6 +73,16 @@ _GLITCH = 3
 
 _SOON = 0.1
 """Seconds: the longest wait for a line to decide that a glitch is not a frame. ASCII lines take longer."""
+
+_ECHO_WITHIN = 1.0
+"""Seconds after a response in which its echo is expected. Adapters need up to 0.02."""
+
+_WITHOUT_ECHO = 3
+"""Responses in a row without a copy that show that a line does not echo. One may lack it: another frame was received
+before the response was sent, because the server was slow."""
+
+_LOOP, _LOOP_WITHIN = 100, 0.05
+"""So many copies in a row, each within so many seconds of its response, may be a server that answers itself."""
 
 
 class Unit(Protocol):
@@ -181,7 +209,8 @@ class ServerStatistics:
     for_others: int = 0
     """Requests for units that are not served: exception 0B on TCP, silence on a serial line."""
     busy: int = 0
-    """Requests beyond the limit in one read, answered with exception 06; on UDP those of a host beyond its limit."""
+    """Requests beyond the limit in one read, answered with exception 06; on UDP those of a host beyond its limit; on a
+    serial line those with which the server finds out whether the line echoes."""
     noise_bytes: int = 0
     not_requests: int = 0
     """Frames with bit 7 of the function code set."""
@@ -233,6 +262,7 @@ class Server:
     send_later      called as send_later(reply, caller) with the reply of a `LaterResponse`; without it a unit that
                     returns one has failed
     wait_for        makes a `LaterResponse` of what an `async def handle_pdu` returns; without it that is a failure too
+    echoes          whether a serial line echoes; None (default) if that is not known. The server finds out
     """
 
     def __init__(
@@ -250,6 +280,7 @@ class Server:
         caller: Caller | None = None,
         send_later: Callable[[Reply, Caller], None] | None = None,
         wait_for: Callable[[Awaitable[bytes | None]], LaterResponse] | None = None,
+        echoes: bool | None = None,
     ) -> None:
         self.line = line
         self.units = units
@@ -266,7 +297,13 @@ class Server:
         self._on_failure = on_failure
         self._on_refusal = on_refusal
         self._waiting: Adu | None = None  # answered if at most a glitch follows
-        self._sent: Adu | None = None  # the latest response
+        self.echoes = echoes
+        self._sent: Adu | None = None  # the latest response on a serial line, until a copy of it is received
+        self._sent_at = 0.0
+        self._early = 0.0  # no other station can have sent a copy of it that is complete before this time
+        self._awaits_copy = False  # the next frame shows whether the line echoes
+        self._without_echo = 0  # responses in a row that were followed by another frame than a copy
+        self._repeats = 0  # copies in a row that were taken for requests
         self._delay = 0.0  # seconds that the response to the present request is delayed
 
     def __repr__(self) -> str:
@@ -282,8 +319,7 @@ class Server:
         """Return the replies to these bytes, or to the time that passed. Raises only what `on_failure` does."""
         line = self.line
         if self.serial:
-            is_early = now < line.quiet_at
-            return self._feed_serial(line.feed(data, now), now, is_early)
+            return self._feed_serial(line.feed(data, now), now)
         replies = []
         room = self._transactions - self.caller.open_requests
         for event in line.feed(data, now):
@@ -298,6 +334,15 @@ class Server:
                 replies.append(Reply(line.response(event, pdu), at, event.pdu))
         return replies
 
+    def sent(self, now: float, takes: float = 0.0) -> None:
+        """Record that the latest reply on a serial line was transmitted, its last byte at `now` at the earliest.
+
+        `takes`: seconds that its bytes take on the line, and so do those of another station; 0 if that is unknown.
+        """
+        self.line.sent(now)
+        self._sent_at = now
+        self._early = max(now, self.line.quiet_at) + takes
+
     def overrun(self) -> None:
         """Count a character that the port lost. Called by the owner of the port."""
         for counters in self._counters():
@@ -306,11 +351,8 @@ class Server:
     def _counters(self) -> Iterable[SerialCounters]:
         return [self.counters[number] for number in self.units]
 
-    def _feed_serial(self, events: list[LineEvent], now: float, is_early: bool) -> list[Reply]:
-        """Return the replies on a serial line.
-
-        `is_early`: no other station was allowed to send since the latest response, so a copy of it is an echo.
-        """
+    def _feed_serial(self, events: list[LineEvent], now: float) -> list[Reply]:
+        """Return the replies on a serial line."""
         for event in events:
             if isinstance(event, Noise):
                 self.statistics.noise_bytes += len(event.data)
@@ -319,10 +361,16 @@ class Server:
                 if len(event.data) > _GLITCH:
                     self._drop_stale(now)
                 continue
-            if is_early and event == self._sent:
-                self._sent = None
-                self.statistics.echoes += 1
-                continue
+            if event == self._sent:
+                if self._is_echo(event, now):
+                    continue
+            else:
+                self._repeats = 0
+                if self._awaits_copy:
+                    self._awaits_copy = False
+                    self._without_echo += 1
+                    if self._without_echo >= _WITHOUT_ECHO:
+                        self.echoes = False
             for counters in self._counters():
                 counters.frame()
             self._drop_stale(now)
@@ -342,6 +390,19 @@ class Server:
         waiting, self._waiting = self._waiting, None
         return self._reply(waiting, now)
 
+    def _is_echo(self, copy: Adu, now: float) -> bool:
+        """Whether this copy of the latest response is its echo."""
+        self._sent, self._awaits_copy = None, False
+        if not _can_be_request(copy.pdu):
+            self.echoes = True
+        elif self.echoes is False or now >= (self._sent_at + _ECHO_WITHIN if self.echoes else self._early):
+            if self.echoes is None and now < self._sent_at + _LOOP_WITHIN:
+                self._repeats += 1
+            return False
+        self._without_echo = self._repeats = 0
+        self.statistics.echoes += 1
+        return True
+
     def _drop_stale(self, now: float) -> None:
         """Drop the waiting request: other traffic followed it, so its client does not expect a response any more."""
         if self._waiting is None:
@@ -357,7 +418,11 @@ class Server:
 
     def _reply(self, adu: Adu, now: float) -> list[Reply]:
         """Return the reply to a request on a serial line; none if the unit stays silent."""
-        pdu = self.answer(adu, now)
+        if self._repeats < _LOOP:
+            pdu = self.answer(adu, now)
+        else:
+            pdu, self._delay = self._overload(adu.pdu), 0.0
+            self._repeats, self._without_echo = 0, _WITHOUT_ECHO - 1  # whatever follows shows whether the line echoes
         return [] if pdu is None else [self._reply_with(adu, pdu, now + self._delay)]
 
     def _reply_with(self, adu: Adu, pdu: bytes, at: float) -> Reply:
@@ -365,7 +430,8 @@ class Server:
         self.statistics.replies += 1
         if self.serial:
             self._sent = Adu(adu.unit, pdu)
-            at = max(self.line.quiet_at, at)
+            self._awaits_copy = self.echoes is not False
+            at = self._sent_at = self._early = max(self.line.quiet_at, at)
         return Reply(self.line.response(adu, pdu), at, adu.pdu)
 
     def _overload(self, pdu: bytes) -> bytes | None:
@@ -533,6 +599,18 @@ class Server:
 def counters_for(line: Line) -> defaultdict[int, SerialCounters]:
     """Return counters for the units behind a line, by unit. Several connections to the same units share them."""
     return defaultdict(partial(SerialCounters, has_delimiter=getattr(line, "has_delimiter", False)))
+
+
+def _can_be_request(pdu: bytes) -> bool:
+    """Whether the bytes of a response are also those of a request. Of an unknown function they may be."""
+    request = request_class(pdu)
+    if request is None:
+        return not pdu[0] & EXCEPTION_BIT
+    try:
+        request.decode(pdu)
+    except DecodeError:
+        return False
+    return True
 
 
 def _read_request(pdu: bytes, unit: Unit, diagnostics: bool) -> AnyRequest:

@@ -35,9 +35,8 @@ class ModbusRtuServer:
         stopbits: int = 1,
         patience: float | None = PATIENCE,
     ) -> None:
-        line = RtuLine(
-            Timing.of(baudrate, character_bits(8, parity, stopbits)), role="server", units=units, patience=patience
-        )
+        self._timing = Timing.of(baudrate, character_bits(8, parity, stopbits))
+        line = RtuLine(self._timing, role="server", units=units, patience=patience)
         self.server = Server(line, units, serial=True)
         self._port = (
             SerialPort(port, baudrate=baudrate, parity=parity, stopbits=stopbits) if isinstance(port, str) else port
@@ -52,8 +51,9 @@ class ModbusRtuServer:
             data = self._port.receive(wait)
             for reply in self.server.feed(data, clock()):
                 time.sleep(max(0.0, reply.at - clock()))
+                ends = clock() + self._timing.duration(len(reply.data))
                 self._port.send(reply.data)
-                self.server.line.sent(clock())
+                self.server.sent(min(clock(), ends))  # on a busy machine it returns late
 
     def close(self) -> None:
         """Close the port."""
