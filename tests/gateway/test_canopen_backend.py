@@ -132,6 +132,51 @@ def test_the_registers_of_an_eds(bus: str, tmp_path: Path) -> None:
     through(bus, f'[backend.unit.5]\neds = "{file}"\nregisters = {registers}', act)
 
 
+def entry(index: int, kind: int, value: object, access: str = "rw") -> str:
+    rows = f"ParameterName=x\nObjectType=7\nDataType={kind}\nAccessType={access}\nDefaultValue={value}\nPDOMapping=0"
+    return f"[{index:X}]\n{rows}\n"
+
+
+def eds(folder: Path, name: str, speed: int, text: str = "") -> Path:
+    """An EDS with the device type, a name at 1008h, and a speed of a given type at 2000h."""
+    lists = "[MandatoryObjects]\nSupportedObjects=1\n1=0x1000\n[OptionalObjects]\nSupportedObjects=1\n1=0x1008\n"
+    lists += "[ManufacturerObjects]\nSupportedObjects=1\n1=0x2000\n"
+    file = folder / f"{name}.eds"
+    file.write_text(lists + entry(0x1000, 7, 0, "ro") + entry(0x1008, 9, text, "const") + entry(0x2000, speed, 70000))
+    return file
+
+
+@pytest.mark.parametrize("dialect", ["cia309", "schneider"])
+def test_a_long_object_is_read_in_parts_that_fit(tmp_path: Path, dialect: Any) -> None:
+    url, text = f"can://memory/{uuid4().hex}", "".join(chr(ord("a") + number % 26) for number in range(300))
+
+    async def act(client: AsyncModbusClient) -> None:
+        data = b""
+        while len(data) < len(text):
+            request = CanopenReference(5, 0x1008, 0, start=len(data), count=0xFFFF, dialect=dialect)
+            part = await client.ask(request)
+            assert len(part.data) > 50
+            data += part.data
+        assert data.decode() == text
+
+    with CanopenServer(f"{url}?node=5", eds=eds(tmp_path, "node", 7, text)):
+        through(url, "", act)
+
+
+def test_a_node_that_answers_with_another_type_is_not_dead(tmp_path: Path) -> None:
+    """Its description is wrong: 04 for this object, and the others are read."""
+    url = f"can://memory/{uuid4().hex}"
+
+    async def act(client: AsyncModbusClient) -> None:
+        for _ in range(3):
+            assert await refusal(client.read_holding_registers(10, 1)) == 4
+        assert await client.read_holding_registers(0, 2) == (0, 0)
+
+    registers = f'eds = "{eds(tmp_path, "table", 6)}"\nregisters = {{ 0 = "1000:00", 10 = "2000:00" }}'
+    with CanopenServer(f"{url}?node=5", eds=eds(tmp_path, "node", 7)):
+        through(url, f"[backend.unit.5]\n{registers}", act)
+
+
 @pytest.mark.parametrize(
     ("options", "text"),
     [

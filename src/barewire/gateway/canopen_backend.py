@@ -11,7 +11,7 @@ drives one on CAN. A request reads or writes whole parameters, and is one SDO tr
     0602 0000, 0609 0011 no such object; 0601 xxxx no access                 02
     0609 003x, 0606 0010, 0607 001x a value, or a length                     03
     0504 0000 the node did not respond in time                               0B
-    any other                                                                04
+    any other; the object has another type than the description says         04
 """
 
 from __future__ import annotations
@@ -51,6 +51,8 @@ _LANES = 8
 """Nodes that are asked at the same time. Each node has one request under way."""
 
 _READS: dict[int, TableName] = {1: "coil", 2: "discrete", 3: "holding", 4: "input"}
+_LONGEST = 253
+"""Bytes of the longest PDU."""
 _RETRY = 1.0
 """Seconds after which a bus that could not be opened is tried again."""
 
@@ -177,7 +179,8 @@ class CanopenUnit:
             data = await self._sdo.upload(request.index, request.sub_index)
         except SdoAbort as abort:
             return ExtendedExceptionResponse(abort.code)
-        part = bytes(data[request.start : request.start + request.count])
+        fits = _LONGEST - len(answer.encode())
+        part = bytes(data[request.start : request.start + min(request.count, fits)])
         return replace(answer, count=len(part), data=part)
 
     async def _read(self, function: int, first: int, quantity: int) -> bytes:
@@ -307,7 +310,10 @@ class CanopenBackend(Backend):
         except SdoAbort as abort:
             self._note(exchange.unit, str(abort))
             response = bytes((function, exception_of(abort)))
-        except (NoAnswer, DecodeError, PortError) as error:
+        except DecodeError as error:  # it answered, and its description has another type
+            self._note(exchange.unit, str(error))
+            response = bytes((function, SERVER_DEVICE_FAILURE))
+        except (NoAnswer, PortError) as error:
             self._note(exchange.unit, str(error))
             is_silence = not isinstance(error, PortError)
             self.cannot_open = not is_silence
