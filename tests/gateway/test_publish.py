@@ -29,9 +29,9 @@ from barewire.gateway.config import ConfigError, GatewayConfig, read_config
 from barewire.gateway.gateway import Gateway
 from barewire.gateway.publish.buffer import Buffer
 from barewire.gateway.publish.messages import Topics, discovery, reading_payload
-from barewire.gateway.publish.publisher import PolledMachine, broker_options, topics_that_collide
+from barewire.gateway.publish.publisher import PolledMachine, Publisher, broker_options, topics_that_collide
 from barewire.gateway.publish.schedule import PollGroup, PollSchedule, ValueFilter
-from barewire.modbus import Table
+from barewire.modbus import ModbusException, Table
 from tests.helpers import free_port
 
 WAIT = 30.0
@@ -655,6 +655,77 @@ parameters = ["Count"]
         assert listener.of("barewire/hall_1/meter/status") == ["online"]
 
     publishing(site, act, dead)
+
+
+def declining(site: Site, code: int, *addresses: int) -> list[int]:
+    """Let the meter decline reads that begin at a holding register of these. Returns the list of all that it declined,
+    and publishes Backup too, the register behind Ratio."""
+    backup = '[[parameter]]\nname = "Backup"\ntype = "u16"\nholding = 2\naccess = "ro"\n'
+    (site.folder / "meter" / "values.toml").write_text(VALUES + backup)
+    count, declined = site.table.on_read, list[int]()
+    assert count is not None
+
+    def decline(name: str, address: int, quantity: int) -> None:
+        count(name, address, quantity)
+        if name == "holding_registers" and address in addresses:
+            declined.append(address)
+            raise ModbusException(code)
+
+    site.table.on_read = decline
+    return declined
+
+
+def polling(site: Site, act: Callable[[Publisher], Awaitable[None]]) -> None:
+    """Act while the meter is polled, without a broker."""
+
+    async def main() -> None:
+        text = site.config().replace('"Count", "Ratio"]', '"Count", "Ratio", "Backup"]')
+        async with Gateway(read_config(text)) as gateway, asyncio.timeout(WAIT):
+            assert gateway.publisher is not None
+            await act(gateway.publisher)
+
+    asyncio.run(main())
+
+
+def test_a_parameter_that_is_refused_is_left_out_and_tried_again(site: Site, caplog: pytest.LogCaptureFixture) -> None:
+    declined = declining(site, 2, 0)
+
+    async def act(publisher: Publisher) -> None:
+        while len(publisher.buffer) < 20:
+            await asyncio.sleep(0.01)
+        values = {row.topic: json.loads(row.payload)["value"] for row in publisher.buffer.batch(2)}
+        assert values == {"barewire/hall_1/meter/count": 1, "barewire/hall_1/meter/backup": 0}
+        assert declined == [0, 0]  # with Backup, and alone
+        (machine,) = publisher.status()["machines"]
+        assert (machine["responds"], machine["error"], [*machine["refused"]]) == (True, "", ["Ratio"])
+        assert "exception 02" in machine["refused"]["Ratio"]
+        site.table.on_read = None
+        publisher._lines[0].schedule.groups[0].all_again_at = 0.0  # a minute later
+        while publisher.status()["machines"][0]["refused"]:
+            await asyncio.sleep(0.01)
+        assert publisher.buffer.batch(100)[-1].topic == "barewire/hall_1/meter/ratio"
+
+    polling(site, act)
+    lines = [record.getMessage() for record in caplog.records if "Ratio" in record.getMessage()]
+    assert [line.partition(": unit")[0] for line in lines] == ["Hall 1: Meter: Ratio is left out"]
+
+
+@pytest.mark.parametrize(
+    ("code", "responds"), [(0x02, True), (0x0A, False), (0x0B, False)], ids=["address", "no path", "no response"]
+)
+def test_a_machine_that_refuses_everything_is_asked_less_often(site: Site, code: int, responds: bool) -> None:
+    """It does respond, unless it is a gateway that refuses, which has no response of it."""
+    declined = declining(site, code, 0, 1)
+
+    async def act(publisher: Publisher) -> None:
+        (group,) = publisher._lines[0].schedule.groups
+        group.names = ("Ratio", "Backup")
+        while group.failures < 3:
+            await asyncio.sleep(0.01)
+        assert publisher.status()["machines"][0]["responds"] is responds
+        assert declined[:3] == ([0, 0, 1] if responds else [0, 0, 0])
+
+    polling(site, act)
 
 
 @pytest.mark.parametrize(

@@ -103,6 +103,7 @@ def in_words(state: dict[str, Any]) -> list[str]:
             says = {True: "responds", False: "does not respond", None: "not asked yet"}[machine["responds"]]
             why = f": {machine['error']}; asked again in {machine['tried_again_in']:.0f} s" if machine["error"] else ""
             lines.append(f"  {machine['name']}: {says}{why}")
+            lines += [f"    {name} is left out: {text}" for name, text in machine["refused"].items()]
     return lines
 
 

@@ -22,7 +22,9 @@ from typing import TYPE_CHECKING, Any
 from urllib.parse import parse_qs, unquote, urlsplit
 
 from barewire.devices.device import Device
-from barewire.errors import BarewireError, EncodeError, PortError
+from barewire.devices.parameter import Reading
+from barewire.errors import BarewireError, DecodeError, EncodeError, PortError, Refused
+from barewire.gateway.dispatch import NO_PATH, NO_RESPONSE
 from barewire.gateway.publish.buffer import Buffer
 from barewire.gateway.publish.messages import (
     OFFLINE,
@@ -39,6 +41,7 @@ from barewire.io.log import PortLog
 from barewire.io.machine import AsyncMachineClient
 from barewire.io.modbus.async_client import AsyncModbusClient
 from barewire.io.ports.network import reason
+from barewire.modbus.exceptions import ModbusException
 
 if TYPE_CHECKING:
     from aiomqtt import Client
@@ -49,6 +52,8 @@ _PAUSES = (0.5, 30.0)
 """Seconds of the first and the longest pause between attempts to connect to the broker."""
 _GOODBYE = 2.0
 """Seconds in which the broker has to take the last messages."""
+_REFUSED_FOR = 60.0
+"""Seconds after which a machine is asked again for parameters that it refused."""
 _LAST_EXCHANGE = 5.0
 """Seconds in which an exchange that is under way may end when the publisher ends."""
 _ENDS = "the publisher ends: the command was not carried out"
@@ -237,6 +242,7 @@ class Publisher:
                     "name": group.machine,
                     "responds": self._responds.get(group.machine),
                     "error": self._errors.get(group.machine, ""),
+                    "refused": group.refused,
                     "tried_again_in": max(0.0, group.due_at - now),
                     "failures": group.failures,
                     "missed": group.missed,
@@ -259,22 +265,24 @@ class Publisher:
                 await self._carry_out(line, command)
             group = line.schedule.next()
             if group.due_at <= loop.time() and not line.is_ending:
-                await self._read(line, group)
-                line.schedule.done(group, loop.time(), has_failed=not self._responds[group.machine])
+                has_readings = await self._read(line, group)
+                line.schedule.done(group, loop.time(), has_failed=not has_readings)
 
-    async def _read(self, line: _Line, group: PollGroup) -> None:
-        machine, client = line.machines[group.machine], line.clients[group.machine]
+    async def _read(self, line: _Line, group: PollGroup) -> bool:
+        """Read a group, and put what is to be published into the buffer. Returns whether there are readings."""
+        machine = line.machines[group.machine]
         try:
-            readings = await client.read_all(group.names)
+            readings = await self._readings(line, group)
         except BarewireError as error:
             self._log.warning(("read", machine.name), f"{machine.name}: {error}")
             self._set_responds(machine.name, False, str(error))
-            return
+            group.refused = {}  # it may have restarted, or be another one
+            return False
         except Exception as error:  # a poll must not end because of one machine
             text = f"{type(error).__name__}: {error}"
             self._log.error("code", f"{machine.name}: {text}", error)
             self._set_responds(machine.name, False, text)
-            return
+            return False
         self._set_responds(machine.name, True)
         at, now = time.time(), asyncio.get_running_loop().time()
         passes = self._filters[machine.name].passes
@@ -289,6 +297,36 @@ class Publisher:
             except PortError as error:
                 self._log.error("buffer", f"{error}; {len(self.buffer)} readings wait")
             self._news.set()
+        return bool(readings)
+
+    async def _readings(self, line: _Line, group: PollGroup) -> list[Reading]:
+        """Read a group without the parameters that the machine refuses. It is asked for these again after a while, and
+        at once if it refuses all. Raises the error of a machine that does not respond."""
+        client, now = line.clients[group.machine], asyncio.get_running_loop().time()
+        is_again = now >= group.all_again_at or len(group.refused) == len(group.names)
+        wanted = [name for name in group.names if is_again or name not in group.refused]
+        refused = {} if is_again else dict(group.refused)
+        readings: list[Reading] = []
+        try:
+            readings = await client.read_all(wanted)
+        except (Refused, DecodeError) as error:
+            if _is_of_gateway(error):
+                raise
+            for name in wanted:
+                if line.is_ending:
+                    return readings
+                try:
+                    readings += await client.read_all([name])
+                except (Refused, DecodeError) as of_one:
+                    if _is_of_gateway(of_one):
+                        raise
+                    refused[name] = str(of_one)
+        for name in refused.keys() - group.refused.keys():
+            self._log.warning(("refused", group.machine), f"{group.machine}: {name} is left out: {refused[name]}")
+        if is_again:
+            group.all_again_at = now + _REFUSED_FOR
+        group.refused = refused
+        return readings
 
     def _set_responds(self, machine: str, responds: bool, error: str = "") -> None:
         self._errors[machine] = error
@@ -476,6 +514,11 @@ class Publisher:
             self._refuse(command, "too many commands wait")
         else:
             line.commands.put_nowait(command)
+
+
+def _is_of_gateway(error: BarewireError) -> bool:
+    """Whether a gateway between says that it cannot reach the machine, which is then no refusal of the machine."""
+    return isinstance(error, ModbusException) and error.code in (NO_PATH, NO_RESPONSE)
 
 
 def _end_if_cancelled() -> None:

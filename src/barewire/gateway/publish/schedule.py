@@ -32,6 +32,9 @@ class PollGroup:
     """Reads in a row that failed."""
     missed: int = 0
     """Times that passed while the line was busy."""
+    refused: dict[str, str] = field(default_factory=dict)
+    """The names that the machine refuses, and why. They are left out until `all_again_at`."""
+    all_again_at: float = -inf
 
 
 class PollSchedule:
