@@ -112,6 +112,7 @@ def test_a_url_of_a_backend_with_a_wrong_option_of_a_unit(query: str, text: str)
         ("tcp://192.0.2.1", "can://memory", ["15:1: endpoint 'can://memory': expected can://INTERFACE/CHANNEL",
                                              ]),
         ("[policy]", "[status]\nurl = 'https://x'\n[policy]", ["19:1: url = 'https://x': expected http://HOST:PORT"]),
+        ("[policy]", "[status]\nurl = 'http://me:s3cret@x:80'\n[policy]", ["19:1: url: expected http://HOST:PORT"]),
         ("tcp://192.0.2.1", "tcp://127.0.0.1:1502", ["15:1: 127.0.0.1:1502 is a listener of this gateway: "]),
         ("[policy]", "[policy", ["18:8: Expected ']' at the end of a table declaration"]),
         ("[[policy.allow]]", "[policy.allow]", ["20:1: allow: expected [[policy.allow]], a table for each"]),

@@ -229,7 +229,10 @@ def test_no_topic_is_that_of_another_value() -> None:
     ]
 
 
-@pytest.mark.parametrize("url", ["http://x", "mqtt://", "mqtt://x:99999", "mqtt://x?y=1"])
+@pytest.mark.parametrize(
+    "url",
+    ["http://x", "mqtt://", "mqtt://x:99999", "mqtt://x?y=1", "mqtt://x/y", "mqtt://x?y", "mqtt://x#y", "mqtt://[::1"],
+)
 def test_a_wrong_broker_is_an_error(url: str) -> None:
     with pytest.raises(EncodeError):
         broker_options(url)
@@ -241,10 +244,37 @@ def test_the_file_of_a_broker_that_is_missing_is_named(site: Site) -> None:
         read_config(config)
 
 
-def test_the_password_of_a_broker_is_in_no_error() -> None:
-    with pytest.raises(EncodeError) as wrong:
-        broker_options("mqtt://me:secret@host:99999")
-    assert "secret" not in str(wrong.value)
+@pytest.mark.parametrize(
+    "broker",
+    [
+        '"mqtt://me:s3cret@host:99999"',
+        '"mqtt://me:s3cret"',
+        '"mqtt://me:1#s3cret@host"',
+        '"mqtt://me:1/s3cret@host"',
+        '"mqtt://me:1?s3cret@host"',
+        '"mqtt://:s3cret@host"',
+        '"mqtt://s3cret#1@host"',
+        '"mqtt://me:s3cret@[::1"',
+        '"mqtt://me:s3cret@\u2100"',
+        '"mqtts://me:s3cret@host?cafile=x"',
+        '["mqtt://me:s3cret@host"]',
+    ],
+)
+def test_the_password_of_a_broker_is_in_no_error(site: Site, broker: str) -> None:
+    text = site.config().replace(f'"mqtt://127.0.0.1:{site.port}"', broker)
+    with pytest.raises(ConfigError, match="broker") as wrong:
+        read_config(text)
+    assert "s3cret" not in str(wrong.value)
+    with pytest.raises(EncodeError) as wrong_url:
+        broker_options(broker[1:-1])
+    assert "s3cret" not in str(wrong_url.value)
+
+
+def test_the_password_of_a_broker_is_not_shown(site: Site) -> None:
+    config = read_config(site.config().replace("mqtt://", "mqtt://me:s3cret@"))
+    assert config.publish is not None
+    assert broker_options(config.publish.broker)["password"] == "s3cret"
+    assert "s3cret" not in repr(config)
 
 
 # With a broker
@@ -731,7 +761,7 @@ def test_a_machine_that_refuses_everything_is_asked_less_often(site: Site, code:
 @pytest.mark.parametrize(
     ("old", "new", "fault"),
     [
-        ("mqtt://127.0.0.1", "http://127.0.0.1", "broker = "),
+        ("mqtt://127.0.0.1", "http://127.0.0.1", "broker: expected mqtt://"),
         ('"Count", "Ratio"]', '"Count", "Rato"]', "meter has no parameter 'Rato'; did you mean 'Ratio'?"),
         ('commands = ["Ratio"]', 'commands = ["Count"]', "Count cannot be written"),
         ("every = 0.05", "every = 0", "every = 0: expected 0.001 seconds or more"),

@@ -259,11 +259,13 @@ class _Reader:
             values[option.name] = option.default
             if option.name in table:
                 check, expected, _ = _KINDS[option.kind]
+                value = table[option.name]
                 try:
-                    values[option.name] = check(table[option.name])
+                    values[option.name] = check(value)
                 except (AttributeError, TypeError, ValueError, EncodeError):
-                    given = shown(table[option.name])
-                    self._fault((*path, option.name), f"{option.name} = {given}: expected {expected}")
+                    may_have_password = option.kind == "broker" or {"/", "@"} <= {*shown(value, 10_000)}
+                    given = option.name if may_have_password else f"{option.name} = {shown(value)}"
+                    self._fault((*path, option.name), f"{given}: expected {expected}")
                 except PortError as error:  # a file that the value names
                     self._fault((*path, option.name), f"{option.name}: {error}")
             elif option.is_required:
@@ -633,13 +635,14 @@ def _text(value: Any) -> str:
 
 def host_and_port(url: str) -> tuple[str, int]:
     """Return host and port of the URL of a status page. Raises EncodeError unless it is http://HOST:PORT."""
-    parts = urlsplit(url)
     try:
+        parts = urlsplit(url)
         port = parts.port
+        is_whole = parts.scheme == "http" and parts.path in ("", "/") and not parts.query and "@" not in parts.netloc
     except ValueError:
-        port = None
-    if parts.scheme != "http" or not parts.hostname or port is None or parts.path not in ("", "/") or parts.query:
-        raise EncodeError(f"{url!r}: expected http://HOST:PORT, such as http://127.0.0.1:8502")
+        is_whole = False
+    if not is_whole or not parts.hostname or port is None:
+        raise EncodeError("status page: expected http://HOST:PORT, such as http://127.0.0.1:8502")  # no password
     return parts.hostname, port
 
 
@@ -705,7 +708,8 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], str, dict[str, Any]]] = {
     "names": (lambda value: tuple(map(_text, _list(value))), "a list of names",
               {"type": "array", "items": {"type": "string"}}),
     "amount": (_seconds, "a number, 0 or more", {"type": "number", "minimum": 0}),
-    "broker": (_broker, "mqtt://HOST[:PORT] or mqtts://", {"type": "string", "pattern": "^mqtts?://"}),
+    "broker": (_broker, "mqtt://[USER:PASSWORD@]HOST[:PORT] or mqtts://, with %23 for # in a password, %2F for /",
+               {"type": "string", "pattern": "^mqtts?://"}),
     "http": (_http, "http://HOST:PORT, such as http://127.0.0.1:8502", {"type": "string", "pattern": "^http://"}),
     "texts": (lambda value: frozenset(map(_text, _list(value))), "a list of texts",
               {"type": "array", "items": {"type": "string"}}),

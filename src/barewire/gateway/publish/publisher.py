@@ -78,9 +78,10 @@ class PolledMachine:
 
 @dataclass(frozen=True)
 class PublishConfig:
-    """A publisher. `broker` is mqtt://[USER:PASSWORD@]HOST[:PORT], or mqtts:// with `?ca=FILE` for an authority."""
+    """A publisher. `broker` is mqtt://[USER:PASSWORD@]HOST[:PORT], or mqtts:// with `?ca=FILE` for an authority. No log
+    and no error has it, because of the password."""
 
-    broker: str
+    broker: str = field(repr=False)
     site: str
     machines: tuple[PolledMachine, ...]
     buffer: str = ":memory:"
@@ -93,14 +94,17 @@ class PublishConfig:
 
 def broker_options(url: str) -> dict[str, Any]:
     """Return the options of the MQTT client. Raises EncodeError for a wrong URL, PortError for a file that it names."""
-    parts = urlsplit(url)
     try:
+        parts = urlsplit(url)
+        query = parse_qs(parts.query, keep_blank_values=True)
+        is_whole = parts.path in ("", "/") and not parts.fragment and not query.keys() - {"ca"}
+        if parts.scheme not in ("mqtt", "mqtts") or not parts.hostname or not is_whole:
+            raise ValueError
+        if parts.password and not parts.username:
+            raise ValueError
         port = parts.port
     except ValueError:
-        port = -1
-    query = parse_qs(parts.query)
-    if parts.scheme not in ("mqtt", "mqtts") or not parts.hostname or port == -1 or query.keys() - {"ca"}:
-        raise EncodeError(f"broker {parts.scheme}://{parts.hostname}: expected mqtt://HOST:PORT or mqtts://HOST:PORT")
+        raise EncodeError("broker: expected mqtt://[USER:PASSWORD@]HOST[:PORT] or mqtts://") from None
     options: dict[str, Any] = {"hostname": parts.hostname, "port": port or (8883 if parts.scheme == "mqtts" else 1883)}
     if parts.username:
         options |= {"username": unquote(parts.username), "password": unquote(parts.password or "")}
