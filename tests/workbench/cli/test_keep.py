@@ -8,7 +8,9 @@ import os
 import stat
 import subprocess
 import sys
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
+from contextlib import ExitStack, contextmanager
+from datetime import datetime
 from io import StringIO
 from pathlib import Path
 from typing import Any
@@ -17,15 +19,19 @@ import pytest
 
 from barewire import CanopenServer, ModbusServer, connect, load
 from barewire.canopen import eds
+from barewire.canopen.datatypes import TimeDifference, TimeOfDay
+from barewire.codecs import Value
 from barewire.devices.sim import simulator
 from barewire.errors import PortError
 from barewire.io.machine import MachineClient
+from barewire_workbench.cli.arguments import load_device
 from barewire_workbench.cli.output import replace_file
 from barewire_workbench.eds.export import export
 from barewire_workbench.settings.rules import SettingRules
 from barewire_workbench.settings.saved import SavedSettings
 from tests.helpers import part_or_whole
 from tests.workbench.cli.helpers import error_of, output_of, run_here
+from tests.workbench.eds.described import described
 
 KILLED = Path(__file__).parent / "killed.py"
 
@@ -275,6 +281,53 @@ def test_a_damaged_dcf_is_not_equal_to_a_device(tmp_path: Path) -> None:
             note = run_here(*cut).stderr
             assert note.startswith(f"barewire: {file}: line "), cut
             assert note.endswith(" more: is the file whole?\n"), cut
+
+
+MOMENT = TimeOfDay.of(datetime(2026, 6, 28, 14, 3, 11))
+ALL_TYPES: dict[str, tuple[int, Value, Value]] = {
+    "Time": (0x0C, MOMENT, TimeOfDay(MOMENT + 1)),
+    "Span": (0x0D, TimeDifference(90_000), TimeDifference(0)),
+}
+"""The code of a type, a value of it, and another one."""
+
+
+@contextmanager
+def two_devices(
+    path: Path, types: Mapping[str, tuple[int, Value, Value]] = ALL_TYPES
+) -> Iterator[tuple[str, str, str]]:
+    """Serve two devices with a setting of each type; yield the EDS and both URLs. The second has the other values."""
+    file = path / "device.eds"
+    objects = [f"{0x2000 + number:X} {name} {code} rw" for number, (name, (code, *_)) in enumerate(types.items())]
+    file.write_bytes(described(*objects).encode())
+    bus = f"can://memory/keep-{path.name}"
+    urls = [f"{bus}?node={node}" for node in (5, 6)]
+    with ExitStack() as stack:
+        for number, url in enumerate(urls):
+            stack.enter_context(CanopenServer(url, eds=eds.parse(file.read_bytes())))
+            with connect(load_device(str(file), url), url) as client:
+                for name, (_, *values) in types.items():
+                    client.write(name, values[number])
+        yield str(file), urls[0], urls[1]
+
+
+def test_a_time_is_saved_as_a_number_that_is_read_again(tmp_path: Path) -> None:
+    file = tmp_path / "left.toml"
+    with two_devices(tmp_path) as (device, first, second):
+        output_of("save", first, device, str(file))
+        assert SavedSettings.parse(file.read_bytes(), "file").settings["Span"].value == 90_000
+        assert output_of("diff", str(file), first) == ""
+        rows = list(csv.DictReader(StringIO(run_here("diff", str(file), second, "--csv").stdout)))
+        assert [(row["a"], row["b"]) for row in rows] == [(str(int(MOMENT)), str(MOMENT + 1)), ("90000", "0")]
+
+
+def test_a_file_that_could_not_be_read_again_takes_no_old_one_away(
+    drive: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
+) -> None:
+    file = tmp_path / "press.toml"
+    file.write_text("old", encoding="utf-8")
+    monkeypatch.setattr(SavedSettings, "text", lambda saved: "format = 1 =")
+    assert "press.toml: no TOML" in error_of("save", drive, "csd-mt", str(file))
+    assert file.read_text(encoding="utf-8") == "old"
 
 
 # The file

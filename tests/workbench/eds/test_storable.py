@@ -14,22 +14,7 @@ from barewire_workbench.settings.compare import differences
 from barewire_workbench.settings.dcf import dcf_of, settings_of_dcf
 from barewire_workbench.settings.rules import SettingRules
 from barewire_workbench.settings.saved import SavedSettings, SavedValue, saved_value, value_of
-
-
-def described(*objects: str) -> eds.Eds:
-    """Return an EDS of variables, given as 'index name type-code access' and further keys."""
-    lines = []
-    for text in objects:
-        index, name, code, access, *more = text.split()
-        lines += [
-            f"[{index}]",
-            f"ParameterName={name}",
-            "ObjectType=7",
-            f"DataType={code}",
-            f"AccessType={access}",
-            *more,
-        ]
-    return eds.parse("\r\n".join([*lines, ""]).encode())
+from tests.workbench.eds.described import described
 
 
 @pytest.mark.parametrize(

@@ -73,7 +73,10 @@ def save_command(
         raise BarewireError(f"no setting was read: {file} is not written")
     if saved.not_read and file.is_file() and not partial:
         raise BarewireError(f"{len(saved.not_read)} settings were not read: {file} is kept as it is; see --partial")
-    replace_file(file, as_dcf(saved, endpoint) if is_dcf(file) else saved.text().encode())
+    data = as_dcf(saved, endpoint) if is_dcf(file) else saved.text().encode()
+    if not is_dcf(file):
+        SavedSettings.parse(data, str(file))  # a file that could not be read again takes no other one's place
+    replace_file(file, data)
     if file != _STDOUT:
         missing = f", {len(saved.not_read)} not read" if saved.not_read else ""
         print(f"{file}: {count} settings of {saved.title or device}{missing}")

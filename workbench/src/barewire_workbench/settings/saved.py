@@ -26,6 +26,7 @@ from dataclasses import dataclass, field
 from datetime import datetime
 from typing import Any, NamedTuple
 
+from barewire.canopen.datatypes import TimeCodec, TimeDifference, TimeOfDay
 from barewire.codecs import Value
 from barewire.devices.parameter import Parameter, show
 from barewire.errors import BarewireError, EncodeError, shown
@@ -53,13 +54,18 @@ class SavedValue(NamedTuple):
 
 
 def saved_value(parameter: Parameter, value: Value, address: str = "") -> SavedValue:
-    """Return a value as it is in a file: bytes are text in hexadecimal, 32-bit floats have no binary tail.
+    """Return a value as it is in a file: bytes are text in hexadecimal, times are numbers of milliseconds, 32-bit
+    floats have no binary tail.
 
     >>> saved_value(Parameter("Ratio", "f32"), 0.20000000298023224).value
     0.2
     """
-    plain = value.hex(" ").upper() if isinstance(value, bytes) else parameter.shortened(value)
-    return SavedValue(plain, parameter.unit, address)
+    value = parameter.shortened(value)
+    if isinstance(value, bytes):
+        value = value.hex(" ").upper()
+    elif isinstance(value, int) and not isinstance(value, bool):
+        value = int(value)
+    return SavedValue(value, parameter.unit, address)
 
 
 def value_of(parameter: Parameter, saved: SavedValue) -> Value:
@@ -67,12 +73,18 @@ def value_of(parameter: Parameter, saved: SavedValue) -> Value:
     true or false that is not of a bit."""
     if isinstance(saved.value, bool) and parameter.type != "bool":
         raise EncodeError(f"{parameter.name} = {shown(saved.value)}: expected a number")
+    time = _TIMES.get(parameter.type)
+    if time is not None and isinstance(saved.value, int) and TimeCodec.minimum <= saved.value < TimeCodec.maximum:
+        return time(saved.value)
     if parameter.type != "octets" or not isinstance(saved.value, str):
         return saved.value
     try:
         return bytes.fromhex(saved.value)
     except ValueError:
         raise EncodeError(f"{parameter.name} = {shown(saved.value)}: expected bytes in hexadecimal") from None
+
+
+_TIMES: dict[str, type[int]] = {"time_of_day": TimeOfDay, "time_difference": TimeDifference}
 
 
 @dataclass(slots=True)
@@ -215,7 +227,7 @@ def _toml(value: Value) -> str:
     if isinstance(value, float):
         return repr(value)
     if isinstance(value, int):
-        return str(value)
+        return str(int(value))  # the text of a time is that of its date
     # A basic string of TOML has the escapes of JSON, and none of the control characters, of which JSON leaves one.
     text = value if isinstance(value, str) else value.hex(" ").upper()
     return json.dumps(text, ensure_ascii=False).replace("\x7f", "\\u007f")
