@@ -14,6 +14,7 @@ from typing import Any
 import pytest
 
 from barewire import AsyncModbusServer, ModbusServer
+from barewire.errors import PortError
 from barewire.io.ports.async_links import SerialLink
 from barewire.io.ports.serial import SerialPort
 from barewire.modbus import (
@@ -169,3 +170,11 @@ def test_a_server_on_an_adapter_that_echoes_late_executes_a_write_once(
         answer = encode(1, ReadHoldingRegistersResponse((1,)).encode())
         assert received(line, len(answer)) == answer
     assert len(writes) == 1
+
+
+@pytest.mark.parametrize("name", ["tty-nowhere", "serial/by-id/usb-nowhere", "../dev/tty-nowhere"])
+def test_a_port_that_does_not_exist_is_no_pseudo_terminal_in_dev(name: str) -> None:
+    """A service that starts before its adapter would serve nobody, and hide it."""
+    with pytest.raises(PortError, match=r"nowhere: there is no such port; .* outside /dev, .* rtu://pty"):
+        ModbusServer(f"rtu:///dev/{name}", {1: Table(10)})
+    assert not os.path.lexists(f"/dev/{name}")

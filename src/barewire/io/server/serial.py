@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 class SerialService(UnitsServer):
     """A server of units on a serial line, with `faults` in its answers.
 
-    If the URL names `pty`, or a path that does not exist, the line is a new pseudo-terminal.
+    If the URL names `pty`, or a path that does not exist and is not below /dev, the line is a new pseudo-terminal.
     """
 
     def __init__(self, endpoint: Endpoint, units: Mapping[int, AnyUnit], faults: Faults[bytes] | None = None) -> None:
@@ -195,6 +195,10 @@ def _new_terminal(endpoint: Endpoint) -> PseudoTerminal:
         text = "a new pseudo-terminal has no direction to set"
         raise EncodeError(f"endpoint {str(endpoint)!r}: {text}", "set_direction")
     link = None if endpoint.place == PSEUDO_TERMINAL else endpoint.place
+    if link is not None and os.path.abspath(link).startswith("/dev/"):
+        # A service that starts before its adapter is found must not serve nobody.
+        where = "for a new pseudo-terminal give a path outside /dev, or rtu://pty"
+        raise PortError(f"{link}: there is no such port; plug in the adapter, or {where}")
     pace = SerialSettings.of(endpoint).timing if endpoint.choice("pace", "1") == "1" else None
     terminal = PseudoTerminal(link, pace)
     terminal.mark_as_served()

@@ -67,9 +67,9 @@ def simulate_command(
     coils, discrete inputs, holding and input registers. Several endpoints lead to the same machine, with the same
     values.
 
-    A serial ENDPOINT whose path does not exist becomes a new pseudo-terminal with that name, which another program
-    opens like a serial port; `rtu://pty` becomes one without a name. can://socketcand/127.0.0.1:29536/can0 becomes a
-    new bus if no server listens on that port. When an endpoint listens, `ready ENDPOINT` is printed.
+    A serial ENDPOINT whose path outside /dev does not exist becomes a new pseudo-terminal with that name, which another
+    program opens like a serial port; `rtu://pty` becomes one without a name. can://socketcand/127.0.0.1:29536/can0
+    becomes a new bus if no server listens on that port. When an endpoint listens, `ready ENDPOINT` is printed.
 
     \b
     barewire simulate adxl rtu:///tmp/adxl & sleep 1
