@@ -106,6 +106,70 @@ def test_identical_reads_on_their_way_are_one_exchange() -> None:
     assert [bus.answer_to(query) for query in queries] == ["03 02 00 00"] * 3
 
 
+def test_a_read_that_others_wait_for_keeps_its_own_place() -> None:
+    bus = SimulatedBus(Dispatcher())
+    for address in range(16):
+        bus.submit(A, 1, read(address))
+    asked = [bus.submit(B, 1, read(15)), bus.submit(C, 1, read(100))]
+    for _ in range(3):
+        bus.step()
+    assert [bus.answer_to(query) for query in asked] == ["03 02 00 00"] * 2
+    bus.run()
+    assert len(bus.log) == 17  # and A needs no turn for it
+
+
+def test_a_read_waits_for_its_own_time_and_not_for_that_of_an_identical_one() -> None:
+    bus = SimulatedBus(Dispatcher(patience=1.0))
+    early = bus.submit(A, 1, read(5))
+    bus.now = 0.9
+    late = bus.submit(B, 1, read(5))
+    bus.now = 1.1
+    bus.run()
+    assert (bus.answer_to(early), bus.answer_to(late)) == ("83 06", "03 02 00 00")
+
+
+def test_a_read_joins_an_identical_one_that_is_under_way() -> None:
+    bus = SimulatedBus(Dispatcher())
+    early = bus.submit(A, 1, read(5))
+    exchange = bus.dispatcher.take(bus.now)
+    assert exchange is not None
+    late = bus.submit(B, 1, read(5))
+    bus.dispatcher.finish(exchange, bus.handle(exchange), bus.now)
+    assert (bus.answer_to(early), bus.answer_to(late)) == ("03 02 00 00", "03 02 00 00")
+
+
+def test_a_read_behind_a_write_of_its_client_joins_none_from_before_it() -> None:
+    """The client has written before and is passed over for that: the read of the other one goes first."""
+    bus = SimulatedBus(Dispatcher())
+    for address in (20, 21, 22):
+        bus.submit(B, 1, read(address))
+    bus.submit(A, 1, write(6, 1))
+    bus.step()
+    other = bus.submit(C, 1, read(5))
+    bus.submit(A, 1, write(5, 7))
+    waiting = bus.submit(A, 1, read(5))
+    bus.step()
+    exchange = bus.dispatcher.take(bus.now)
+    assert exchange is not None
+    assert exchange.queries == [other]
+    later = bus.submit(A, 1, read(5))
+    bus.dispatcher.finish(exchange, bus.handle(exchange), bus.now)
+    bus.run()
+    assert [bus.answer_to(query) for query in (other, waiting, later)] == [
+        *["03 02 00 00", "03 02 00 07", "03 02 00 07"],
+    ]
+
+
+def test_a_full_queue_has_room_for_reads_that_need_no_exchange() -> None:
+    bus = SimulatedBus(Dispatcher(capacity=4))
+    for client in (A, B, C, Caller("d:1")):
+        bus.submit(client, 1, read(int(client.peer[0], 16)))
+    more = [bus.submit(Caller(f"x:{number}"), 1, read(0xA)) for number in range(5)]
+    bus.run()
+    assert {bus.answer_to(query) for query in more} == {"03 02 00 00"}
+    assert len(bus.log) == 4
+
+
 def test_a_read_does_not_join_one_from_before_a_write() -> None:
     bus = SimulatedBus(Dispatcher())
     early = bus.submit(A, 1, read(5))
@@ -394,6 +458,20 @@ def test_a_full_queue_declines_the_client_that_fills_it() -> None:
     assert [bus.answer_to(query) for query in greedy] == [None] * 9 + ["83 06"] * 3
     bus.run()
     assert bus.answer_to(polite) == "03 02 00 00"
+
+
+def test_a_newcomer_takes_no_place_of_a_client_that_has_only_one() -> None:
+    bus = SimulatedBus(Dispatcher(capacity=4))
+    clients = [Caller(f"{number}:1") for number in range(5)]
+    queries = [bus.submit(client, 1, read(place)) for place, client in enumerate(clients)]
+    assert [bus.answer_to(query) for query in queries] == [None] * 4 + ["83 06"]
+
+
+def test_of_equal_clients_the_one_whose_turn_is_last_makes_room() -> None:
+    bus = SimulatedBus(Dispatcher(capacity=4))
+    queries = [bus.submit(client, 1, read(address)) for address, client in enumerate((A, B, A, B))]
+    bus.submit(C, 1, read(9))
+    assert [bus.answer_to(query) for query in queries] == [None, None, None, "83 06"]
 
 
 def test_a_query_that_was_displaced_is_not_joined_any_more() -> None:

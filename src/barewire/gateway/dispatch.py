@@ -5,8 +5,8 @@
     client 3   write u3          ->  |                     |  <-  response, or none
 
     submit    a query is answered at once (from the cache; 06 busy; 0B, its unit is dead), joins an identical read
-              that is on its way, or waits
-    take      the exchange that is due next
+              that is under way, or waits
+    take      the exchange that is due next; identical reads that wait go with it
     finish    the response goes to every query of the exchange
 
 **The order is fair by client, then by unit.** The clients take turns, however many requests each has sent; within a
@@ -23,8 +23,9 @@ answers, a request that it never answered is counted for itself: only requests l
 ignores `dead_after` of them without a response in between: then it may be dead, and the next ones count. Until one is
 unanswered that it has answered before, such requests are still sent.
 
-**A read joins** an identical one that is queued or under way, unless a write to that unit was submitted in between. A
-response is kept for `cache` seconds, and adjacent reads are merged into one, where the options of the unit allow it.
+**A read joins** an identical one that is under way. If none is, it waits for its own turn; when one of several that are
+identical goes out, all are answered with it. Unless a write to that unit was submitted in between. A response is kept
+for `cache` seconds, and adjacent reads are merged into one, where the options of the unit allow it.
 
 Time is an argument. `respond` of every query is called once.
 """
@@ -86,7 +87,9 @@ class Query:
     `respond` is called once: with the PDU of the response, or with None if there must be none, or the client has left.
     """
 
-    __slots__ = ("client", "followers", "must_be_alone", "request", "respond", "since", "unit", "writes")
+    __slots__ = (
+        *("client", "epoch", "followers", "must_be_alone", "request", "respond", "since", "twins", "unit", "writes"),
+    )
 
     def __init__(
         self, client: Caller, unit: int, request: RawRequest, respond: Callable[[bytes | None], object]
@@ -97,8 +100,12 @@ class Query:
         self.writes = request.writes
         self.respond = respond
         self.since = 0.0
+        self.epoch = -1
+        """That of the unit when it began to wait: see `UnitRecord.epoch`."""
         self.followers: list[Query] = []
         """Identical reads, which get the same response."""
+        self.twins: list[Query] | None = None
+        """The identical reads that wait."""
         self.must_be_alone = False
         """Whether it was part of a merged read that failed."""
 
@@ -207,6 +214,9 @@ class UnitRecord(UnitState):
         self.epoch = 0
         """How many writes were submitted or ended. A read joins only a read of the same epoch."""
         self.joinable: dict[bytes, Query] = {}
+        """The reads that are under way."""
+        self.twins: dict[bytes, list[Query]] = {}
+        """Those that wait."""
         self.cached: dict[bytes, tuple[float, bytes]] = {}
         self.mergeable: dict[Query, _Span] = {}
         """The reads that wait and may become part of a merged one."""
@@ -273,6 +283,7 @@ class UnitRecord(UnitState):
         """Record that a write was submitted or ended: what was read before may be out of date."""
         self.epoch += 1
         self.joinable.clear()
+        self.twins.clear()
         self.cached.clear()
 
 
@@ -393,15 +404,16 @@ class Dispatcher:
                 query.answer(cached[1])
                 return None
             leader = state.joinable.get(query.request.pdu)
-            if leader is not None and leader.is_wanted:
+            if leader is None and self.size >= self._capacity and query.request.pdu in state.twins:
+                leader = state.twins[query.request.pdu][0]  # it needs no room
+            if leader is not None:
                 leader.followers.append(query)
                 state.counters.joined += 1
                 return None
         if (state.silent or state.ignored) and (blocker := state.blocker(query)) is not None:
             self._try_dead_unit(query, state, blocker, now)
         elif is_lane_free and not self.size and self._trial is None and self._is_ready(state, now):
-            if not query.writes:
-                state.joinable[query.request.pdu] = query
+            query.epoch = state.epoch
             return self._exchange(query, state, now)
         elif self.size >= self._capacity and not self._make_room(query.client):
             state.decline(query, BUSY)
@@ -439,10 +451,11 @@ class Dispatcher:
         return known_for >= 1.0 and self._busy < known_for / _GAPS
 
     def _make_room(self, client: Caller) -> bool:
-        """Decline the latest query of the client that has the most. Returns False if that is the given client."""
-        greedy = max(self._waiting, key=lambda client: self._waiting[client].size)
+        """Decline the latest query of the client that has the most. Returns False if the given client would have as
+        many as that one."""
+        greedy = max(reversed(self._waiting), key=lambda client: self._waiting[client].size)
         own = self._clients.get(client)
-        if own is not None and self._waiting[greedy].size <= own.size + 1:
+        if self._waiting[greedy].size <= (0 if own is None else own.size) + 1:
             return False
         latest = self._waiting[greedy].latest()
         state = self.unit(latest.unit)
@@ -460,7 +473,9 @@ class Dispatcher:
         self.size += 1
         if query.writes:
             return
-        state.joinable.setdefault(query.request.pdu, query)
+        query.epoch = state.epoch
+        query.twins = state.twins.setdefault(query.request.pdu, [])
+        query.twins.append(query)
         may_merge = state.config.merge is not None and not query.must_be_alone
         if may_merge and query.request.pdu not in state.ignored and (span := _span(query.request)) is not None:
             state.mergeable[query] = span
@@ -469,6 +484,10 @@ class Dispatcher:
         """Take a query out of the queue of its client."""
         state, queue = self.unit(query.unit), self._clients[query.client]
         state.mergeable.pop(query, None)
+        if query.twins is not None:
+            query.twins.remove(query)
+            if not query.twins and state.twins.get(query.request.pdu) is query.twins:
+                del state.twins[query.request.pdu]
         queue.remove(query)
         self.size -= 1
         if not queue.size:
@@ -557,10 +576,19 @@ class Dispatcher:
             self._forget_clients()
         state.under_way += 1
         state.counters.requests += 1
+        if query.twins:
+            for twin in tuple(query.twins):
+                self._leave_queue(twin)
+                query.followers += (twin, *twin.followers)
+                twin.followers = []
+                state.counters.joined += 1
         queries, request = [query], query.request
         may_merge = state.config.merge is not None and not query.must_be_alone and state.merging.dead_until <= now
         if may_merge and (span := _span(request)) is not None:
             queries, request = self._merged(query, span, state)
+        for read in queries:
+            if read.epoch == state.epoch:
+                state.joinable[read.request.pdu] = read
         return Exchange(query.unit, request, state.options.timeout, queries, state.epoch, now)
 
     def _merged(self, query: Query, span: _Span, state: UnitRecord) -> tuple[list[Query], RawRequest]:
