@@ -21,6 +21,7 @@ from barewire.canopen import (
 from barewire.canopen.abort_codes import SdoAbort
 from barewire.canopen.emcy import ERRORS_MAX, WAITING_MAX
 from barewire.errors import DecodeError, EncodeError
+from tests.helpers import every_case
 
 
 def test_emergency_heartbeat_of_node_2_lost() -> None:
@@ -180,6 +181,26 @@ def test_1014h_changes_the_identifier_and_switches_emcy_off() -> None:
     assert texts(node.error(0x1000, 0.0)) == ["09A#0010010000000000"]
     node.objects.write(0x1014, 0, (0x8000009A).to_bytes(4, "little"))
     assert node.error_gone(0x1000, 0.0) == []
+
+
+@every_case("word", [0x000, 0x07F, 0x180, 0x605])
+def test_a_restricted_identifier_in_1014h_counts_as_the_default_one(word: int) -> None:
+    """A description without a DefaultValue has 0: the emergency 0x80xxh would be an NMT command to all nodes."""
+    node = LocalNode(5, ObjectDictionary(standard_objects()))
+    node.objects.replace(Entry(0x1014, 0, "COB-ID EMCY", "u32", "rw", word))
+    node.start(0.0)
+    assert texts(node.error(0x8130, 0.0)) == ["085#3081110000000000"]
+    node.objects.set(0x1014, 0, 1 << 31 | word)
+    assert node.error(0x3210, 0.0) == []
+
+
+def test_a_restricted_identifier_in_1028h_is_not_consumed() -> None:
+    objects = ObjectDictionary(standard_objects(emcy_consumers=9))
+    objects.set(0x1028, 9, 0)
+    device = LocalNode(5, objects)
+    device.start(0.0)
+    device.feed(CanFrame.parse("000#0109"), 0.1)
+    assert device.emergencies.active(9) == ()
 
 
 def test_a_reset_clears_communication_errors_or_all_errors() -> None:

@@ -21,6 +21,7 @@ from barewire.canopen.abort_codes import SdoAbort
 from barewire.canopen.object_dictionary import Entry
 from barewire.canopen.time_stamp import EPOCH_UNIX
 from barewire.errors import DecodeError, EncodeError
+from tests.helpers import every_case
 
 
 @pytest.mark.parametrize(("text", "counter"), [("080#", None), ("080#01", 1), ("080#F0", 240)])
@@ -243,3 +244,23 @@ def test_bit_31_of_1012h_consumes_and_bit_30_produces() -> None:
     assert [frame.id for frame in node.send_time(TimeStamp.of_unix(0x60000000))] == [0x100]
     feed(node, "000#0205")
     assert node.send_time(TimeStamp.of_unix(0x60000000)) == []
+
+
+@every_case("word", [0x000, 0x07F, 0x180, 0x605])
+def test_a_restricted_identifier_in_1005h_or_1012h_counts_as_the_default_one(word: int) -> None:
+    """A description without a DefaultValue has 0, where a device would receive NMT commands as SYNC, or send SYNC."""
+    node = device()
+    node.objects.set(0x1005, 0, word)
+    feed(node, "000#0105")
+    assert feed(node, "080#") == ["185#0700"]
+    assert feed(node, f"{word:03X}#") == []
+    node.objects.set(0x1006, 0, 10_000)
+    node.objects.set(0x1005, 0, 0x4000_0000 | word)
+    feed(node, None, 1.0)
+    assert feed(node, None, 1.01) == ["080#", "185#0700"]
+
+    stamp = TimeStamp.of_unix(1_700_000_000)
+    node.objects.set(0x1012, 0, 0xC000_0000 | word)
+    assert node.send_time(stamp) == [stamp.encode()]
+    node.feed(stamp.encode(), 2.0)
+    assert node.time.unix(3.0) == pytest.approx(1_700_000_001)

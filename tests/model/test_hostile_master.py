@@ -104,7 +104,7 @@ def keeps_a_deadline_in_the_past(patch: pytest.MonkeyPatch) -> None:
 
 
 def allows_restricted_identifiers(patch: pytest.MonkeyPatch) -> None:
-    patch.setattr("barewire.canopen.pdo.config.is_restricted", lambda identifier: False)
+    patch.setattr("barewire.canopen.cob_ids.CobEntry.is_restricted", False)
 
 
 def keeps_emergencies_for_ever(patch: pytest.MonkeyPatch) -> None:

@@ -153,6 +153,17 @@ class CobEntry(NamedTuple):
         identifier = word & (0x1FFF_FFFF if extended else 0x7FF)
         return cls(identifier, extended, bool(word >> 30 & 1), bool(word >> 31 & 1))
 
+    @property
+    def is_restricted(self) -> bool:
+        """Whether the identifier has 11 bits and may never be configured."""
+        return not self.extended and is_restricted(self.identifier)
+
+    @property
+    def carries_sdo(self) -> bool:
+        """Whether an SDO channel with this COB-ID is in use: bit 31 is 0, and the identifier is not restricted, or in
+        581h to 6FFh, where devices have further servers and clients although CiA 301 restricts it."""
+        return not self.bit31 and (not self.is_restricted or 0x580 < self.identifier < 0x700)
+
     @staticmethod
     def is_well_formed(word: int) -> bool:
         """Return whether bits 11 to 28 are 0 in a COB-ID of 11 bits, as CiA 301 requires."""

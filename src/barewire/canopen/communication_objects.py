@@ -16,7 +16,7 @@ from collections.abc import Callable
 from dataclasses import replace
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
-from barewire.canopen.cob_ids import CobEntry, is_restricted
+from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.lss.messages import LssAddress
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
 from barewire.codecs import Value
@@ -40,6 +40,13 @@ def integer_value(objects: ObjectDictionary, index: int, sub: int = 0, default: 
         return int(objects.get(index, sub))
     except (BarewireError, ValueError, OverflowError):
         return default
+
+
+def service_cob_id(objects: ObjectDictionary, index: int, default: int) -> CobEntry:
+    """Return the COB-ID of SYNC, TIME or EMCY. A restricted identifier, such as the 0 of a description that leaves it
+    out, counts as that of `default`."""
+    entry = CobEntry.unpack(integer_value(objects, index, default=default))
+    return entry._replace(identifier=default & 0x7FF) if entry.is_restricted else entry
 
 
 def lss_address(objects: ObjectDictionary) -> LssAddress:
@@ -91,7 +98,7 @@ def validate_cob_id_writes(
     def check(word: int) -> None:
         new, old = CobEntry.unpack(word), CobEntry.unpack(integer_value(objects, index, sub))
         is_same = (new.identifier, new.extended) == (old.identifier, old.extended)
-        is_forbidden = not new.extended and is_restricted(new.identifier) and (always_received or in_use(new))
+        is_forbidden = new.is_restricted and (always_received or in_use(new))
         # A restricted identifier that the device itself was made with may be written again.
         is_forbidden = is_forbidden and not (is_same and in_use(old))
         stays_on = in_use(old) and in_use(new)

@@ -29,8 +29,14 @@ from functools import partial
 from typing import NamedTuple
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
-from barewire.canopen.cob_ids import CobEntry, classify, cob_id
-from barewire.canopen.communication_objects import integer_value, replace_entry, validate_cob_id_writes, validate_writes
+from barewire.canopen.cob_ids import classify, cob_id
+from barewire.canopen.communication_objects import (
+    integer_value,
+    replace_entry,
+    service_cob_id,
+    validate_cob_id_writes,
+    validate_writes,
+)
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import reported_state
 from barewire.canopen.object_dictionary import ObjectDictionary
@@ -411,7 +417,7 @@ class EmcyProducer:
     def _send(self, code: int, info: bytes, now: float) -> list[CanFrame]:
         if not self.allowed:
             return []
-        entry = CobEntry.unpack(integer_value(self.objects, _COB_ID, default=cob_id("EMCY", self.node)))
+        entry = service_cob_id(self.objects, _COB_ID, cob_id("EMCY", self.node))
         if entry.bit31:
             return []
         frame = Emergency(self.node, code, self.register, info).encode()

@@ -10,6 +10,7 @@ from barewire.canopen.device.services import client_channel
 from barewire.canopen.sdo.client import find_channel
 from barewire.errors import EncodeError
 from tests.canopen.virtual_bus import VirtualBus
+from tests.helpers import every_case
 
 OFF = 1 << 31
 
@@ -142,6 +143,35 @@ def test_the_channel_of_an_sdo_client() -> None:
             client_channel(ours, client)
     with pytest.raises(EncodeError, match=r"SDO client 129: expected 1\.\.128"):
         client_channel(ours, 129)
+
+
+@every_case("words", [(0, 0), (0x6A0, 0x07F), (0x101, 0x6A1), (0x705, 0x6A1), (0x6A0, 0x7E5)])
+def test_a_channel_with_a_restricted_cob_id_is_not_in_use(words: tuple[int, int]) -> None:
+    """A description without a DefaultValue has COB-ID 0: the server would answer NMT commands, and on 000h."""
+    node = device((0x1201, *words, 7))
+    bus = on_bus(node)
+    assert node.channels.servers == {}
+    assert feed(node, f"{words[0]:03X}#4000210000000000", bus.now) == []
+    with pytest.raises(
+        EncodeError, match="SDO server 2 of node 5 is not in use: 1201h has bit 31 set or a restricted COB"
+    ):
+        bus.run(find_channel(Channel(5), 2))
+    ours = ObjectDictionary(
+        [Entry(0x1280, sub, "client", "u32", "rw", word) for sub, word in enumerate(words, start=1)]
+    )
+    with pytest.raises(
+        EncodeError, match="SDO client 1 is not in use: 1280h is missing, or has bit 31 set or a restricted"
+    ):
+        client_channel(ours)
+
+
+def test_a_channel_may_have_restricted_identifiers_from_581h_to_6ffh() -> None:
+    """A master has the default channel of a node in 1280h, and some devices have 640h + node, 5C0h + node in 1201h."""
+    node = device((0x1201, 0x645, 0x5C5, 7))
+    bus = on_bus(node)
+    assert bus.run(upload(bus.run(find_channel(Channel(5), 2)), 0x2100)) == bytes(range(200))
+    ours = ObjectDictionary([Entry(0x1280, sub, "client", "u32", "rw", word) for sub, word in ((1, 0x605), (2, 0x585))])
+    assert client_channel(ours).request_id == 0x605
 
 
 def test_standard_objects_with_three_servers() -> None:

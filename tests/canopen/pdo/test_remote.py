@@ -23,6 +23,7 @@ from barewire.canopen.pdo.remote import PdoConsumer, RemotePdo, remote_pdo
 from barewire.errors import DecodeError, EncodeError
 from tests.canopen.sdo.sdo_bus import Bus, Store
 from tests.canopen.virtual_bus import VirtualBus
+from tests.helpers import every_case
 
 TPDO1 = PdoConfig("TPDO", 1, (0x60410010, 0x60640020), type=1, inhibit=10, event_timer=500, sync_start=3)
 
@@ -247,3 +248,66 @@ def test_a_remote_pdo_with_names_of_a_dictionary() -> None:
 def test_a_pdo_that_is_switched_off_raises() -> None:
     with pytest.raises(EncodeError, match="RPDO5 of node 5 is switched off"):
         RemotePdo.of(5, PdoConfig("RPDO", 5, (0x60400010,)))
+
+
+RESTRICTED = (0x000, 0x07F, 0x101, 0x180, 0x585, 0x605, 0x6E0, 0x705, 0x7E5)
+
+
+@every_case("identifier", RESTRICTED)
+def test_a_pdo_with_a_restricted_cob_id_is_not_on(identifier: int) -> None:
+    """A description without a DefaultValue of 1804h:01 has COB-ID 0: with 0080h as data it would be an NMT command."""
+    objects = ObjectDictionary(
+        [
+            Entry(0x2000, 0, "level", "u16", "rw", 0x0080),
+            Entry(0x1804, 1, "COB-ID", "u32", "rw", identifier),
+            Entry(0x1804, 2, "type", "u8", "rw", 255),
+            Entry(0x1A04, 0, "number", "u8", "rw", 1),
+            Entry(0x1A04, 1, "entry", "u32", "rw", 0x2000_0010),
+        ]
+    )
+    with pytest.raises(EncodeError, match=f"TPDO5: COB-ID {identifier:03X}h is restricted"):
+        LocalNode(5, objects, pdos_of(objects, 5))
+    refused: list[str] = []
+    device = LocalNode(5, objects, pdos_of(objects, 5, refused=refused))
+    assert refused == [f"TPDO5: COB-ID {identifier:03X}h is restricted [CiA 301], so the PDO cannot be on"]
+    device.start(0.0)
+    assert device.feed(CanFrame.parse("000#0105"), 0.1) == []
+    # A master gives it an identifier of its own, and the mapping that was left out.
+    sent = []
+    for text in ("605#23041A0110000020", "605#2F041A0001000000", "605#2304180185020000"):
+        sent += [str(frame) for frame in device.feed(CanFrame.parse(text), 0.2)]
+    assert [text[:6] for text in sent] == ["585#60", "585#60", "585#60", "285#80"]
+
+
+@every_case("word", [0x8000_0000, 0x2000_0000, 0x2000_0605, 0x285, 0x6DF])
+def test_a_pdo_that_is_off_or_has_a_legal_cob_id_is_made(word: int) -> None:
+    bus_with(PdoConfig("TPDO", 1, (0x60410010,), cob_id=word))
+    if not word >> 31:
+        assert RemotePdo.of(5, PdoConfig("RPDO", 1, (0x60400010,), cob_id=word)).key[0] == word & 0x1FFF_FFFF
+
+
+def test_a_pdo_without_objects_may_have_any_cob_id() -> None:
+    """It is never sent, and descriptions have many of them."""
+    bus, _ = bus_with(PdoConfig("TPDO", 5, (), cob_id=0), PdoConfig("RPDO", 5, (), cob_id=0))
+    bus.run(write_pdo(5, PdoConfig("TPDO", 5, (0x60410010,), cob_id=0x1A0)))
+    assert bus.run(read_pdo(5, "TPDO", 5)).cob_id == 0x1A0
+
+
+def test_a_cob_id_that_the_device_itself_sets_switches_the_pdo_off_too() -> None:
+    _, device = bus_with(PdoConfig("TPDO", 1, (0x60410010,), type=1))
+    device.feed(CanFrame.parse("000#0105"), 1.0)
+    assert [str(frame) for frame in device.feed(CanFrame.parse("080#"), 1.0)] == ["185#3706"]
+    device.objects.set(0x1800, 1, 0)
+    device.feed(CanFrame.parse("000#8005"), 2.0)
+    device.feed(CanFrame.parse("000#0105"), 2.0)
+    assert device.feed(CanFrame.parse("080#"), 2.0) == []
+
+
+@every_case("identifier", RESTRICTED)
+def test_an_rpdo_with_a_restricted_cob_id_is_not_sent(identifier: int) -> None:
+    with pytest.raises(
+        EncodeError, match=f"RPDO1 of node 5 cannot be sent: its COB-ID {identifier:03X}h is restricted"
+    ):
+        RemotePdo.of(5, PdoConfig("RPDO", 1, (0x60400010,), cob_id=identifier))
+    # What a node sends is received, wherever it sends it.
+    RemotePdo.of(5, PdoConfig("TPDO", 1, (0x60410010,), cob_id=identifier))

@@ -93,6 +93,41 @@ def test_a_node_of_a_dictionary_an_eds_a_file_a_simulator_or_its_name(tmp_path: 
                 assert bus.node(9, device="az3")["STATUS WORD"].name == "STATUS WORD"
 
 
+def test_a_pdo_that_an_eds_leaves_without_a_cob_id_is_switched_off_and_named() -> None:
+    pdo = b"""[2001]
+ParameterName=Level
+DataType=0x0006
+AccessType=ro
+PDOMapping=1
+[1804]
+ParameterName=TPDO 5
+ObjectType=9
+SubNumber=1
+[1804sub1]
+ParameterName=COB-ID
+DataType=0x0007
+AccessType=rw
+[1A04]
+ParameterName=TPDO 5 mapping
+ObjectType=9
+SubNumber=2
+[1A04sub0]
+ParameterName=Entries
+DataType=0x0005
+AccessType=rw
+DefaultValue=1
+[1A04sub1]
+ParameterName=Entry 1
+DataType=0x0007
+AccessType=rw
+DefaultValue=0x20010010
+"""
+    url = "can://memory/server-cob-id"
+    with CanopenServer(url, eds=parse(EDS + pdo), node=7) as server, CanopenClient(url, timeout=30) as bus:
+        assert server.refused_pdos == ["TPDO5: COB-ID 000h is restricted [CiA 301], so the PDO cannot be on"]
+        assert bus.node(7).sdo.upload(0x1804, 1) == bytes.fromhex("00000080")
+
+
 def test_read_all_of_a_dictionary_leaves_out_missing_write_only_and_mistyped_objects() -> None:
     value = Entry(0x2000, 0, "value", "u8", "rw", 9)
     served = ObjectDictionary([value, Entry(0x2001, 0, "state", "u8", "ro", 3)])

@@ -213,6 +213,15 @@ def test_pdo_shows_values_by_the_mapping_of_the_node(bus: CanopenClient) -> None
         assert row["values"] == {"STATUS WORD": 1591, "TARGET VELOCITY": -2}
 
 
+def test_pdo_leaves_out_an_rpdo_that_cannot_be_sent(bus: CanopenClient) -> None:
+    node = fan()
+    node.objects.set(0x1400, 1, 0)
+    with bus.host(node):
+        done = run_here("canopen", "pdo", url(bus, 5), "--for", "0.02")
+    assert done.stdout.splitlines() == ["TPDO1 185h: 6041h:00, 60FFh:00; at every SYNC"]
+    assert "left out: RPDO1 of node 5 cannot be sent: its COB-ID 000h is restricted" in done.stderr
+
+
 def test_pdo_without_sync_says_what_is_missing(bus: CanopenClient) -> None:
     with bus.host(fan()):
         bus.node(5).nmt.start()

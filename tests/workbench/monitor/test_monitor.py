@@ -7,7 +7,7 @@ from collections.abc import Sequence
 
 import pytest
 
-from barewire.canopen import CanFrame, ErrorFrame, FdFrame
+from barewire.canopen import CanFrame, ErrorFrame, FdFrame, PdoConfig
 from barewire.canopen.eds import parse
 from barewire.canopen.frame import AnyFrame
 from barewire.devices import load
@@ -32,6 +32,7 @@ from barewire_workbench.monitor.events import (
     TimeReport,
     Violation,
 )
+from barewire_workbench.monitor.pdos import PdoTracker
 from tests.workbench.monitor.recorded_run import DRIVE, LONG, PLAIN, of, recorded
 
 
@@ -127,6 +128,12 @@ def test_an_eds_gives_the_same_values_as_the_catalogue() -> None:
     )
     assert len(from_eds) > 40
     assert [event.values for event in from_eds] == [event.values for event in from_catalogue]
+
+
+def test_a_pdo_that_an_eds_leaves_without_a_cob_id_does_not_take_the_frames_of_nmt() -> None:
+    pdo = PdoConfig("TPDO", 5, (0x6041_0010,), cob_id=0)
+    tracker = PdoTracker((az3()._replace(pdos=(pdo,)),))
+    assert explain_can(CanFrame.parse("000#8000"), tracker).summary == "NMT: enter pre operational, all nodes"
 
 
 def sdo_writes(*writes: tuple[int, int, str], node: int = DRIVE) -> list[str]:

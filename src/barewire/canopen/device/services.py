@@ -23,6 +23,9 @@ While a service is in use, its identifier cannot be changed, and an SDO channel 
 are refused with 0609 0030h. An SDO channel is in use if both of its COB-IDs have bit 31 = 0. The node-ID of the other
 side is information only, because a CAN frame does not contain its sender.
 
+A device may be made with a restricted identifier: one that its description leaves out is 0, that of NMT. Then SYNC,
+TIME and EMCY have their default ones, and an SDO channel, an entry of 1028h and a PDO are not in use.
+
         a SYNC of the wrong length (with or without counter, by 1019h)   ->  emergency 8240h, and the SYNC is ignored
         a monitored node is lost or boots, or the master sends no request in time   ->  emergency 8130h, then 1029h
         its heartbeat, or a request, arrives again                                  ->  emergency 0000h
@@ -37,15 +40,21 @@ from dataclasses import replace
 from typing import NamedTuple
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
-from barewire.canopen.cob_ids import NODE_MAX, SYNC_KEY, CobEntry, cob_id, default_sdo_channel
-from barewire.canopen.communication_objects import integer_value, replace_entry, validate_cob_id_writes, validate_writes
+from barewire.canopen.cob_ids import NODE_MAX, SYNC_KEY, TIME_KEY, CobEntry, cob_id, default_sdo_channel
+from barewire.canopen.communication_objects import (
+    integer_value,
+    replace_entry,
+    service_cob_id,
+    validate_cob_id_writes,
+    validate_writes,
+)
 from barewire.canopen.emcy import EmcyConsumer
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.error_control import GuardedNode, HeartbeatConsumer, HeartbeatProducer
 from barewire.canopen.nmt.messages import NmtState, consumer_entry
 from barewire.canopen.nmt.node_monitor import NodeMonitor
 from barewire.canopen.object_dictionary import ObjectDictionary
-from barewire.canopen.sdo.channel import SERVER_1, SERVERS_MAX, Channel
+from barewire.canopen.sdo.channel import NOT_IN_USE, SERVER_1, SERVERS_MAX, Channel
 from barewire.canopen.sdo.dialect import STANDARD, SdoDialect
 from barewire.canopen.sdo.server import SdoServer
 from barewire.canopen.sync import COUNTER_MAX, SyncProducer
@@ -107,7 +116,7 @@ class DeviceSync:
             return  # another object was written: the producer must not start again
         before, self._values = self._values, values
         word, period, window, overflow = values
-        entry = CobEntry.unpack(word)
+        entry = service_cob_id(objects, _COB_ID, SYNC_KEY[0])
         self.key = (entry.identifier, entry.extended)
         self.window = window / 1_000_000
         self._length = None if overflow < 0 else int(overflow > 0)
@@ -274,14 +283,16 @@ class DeviceConsumers:
 
     def follow(self) -> None:
         """Read the present values of the objects."""
-        entry = CobEntry.unpack(integer_value(self.objects, _TIME, default=_DEFAULT_TIME))
+        entry = service_cob_id(self.objects, _TIME, _DEFAULT_TIME)
         self.time.key = (entry.identifier, entry.extended) if entry.bit31 else (-1, False)  # no frame has it
         listed = {
             sub: CobEntry.unpack(integer_value(self.objects, _EMERGENCIES, sub))
             for sub in self.objects.subs(_EMERGENCIES)
         }
         self.emergencies.cob_ids = {
-            (entry.identifier, entry.extended): node for node, entry in listed.items() if node and not entry.bit31
+            (entry.identifier, entry.extended): node
+            for node, entry in listed.items()
+            if node and not (entry.bit31 or entry.is_restricted)
         }
 
     def feed(self, frame: CanFrame | None, now: float) -> None:
@@ -291,7 +302,7 @@ class DeviceConsumers:
 
     def time_message(self, stamp: TimeStamp) -> list[CanFrame]:
         """Return the TIME message, if 1012h makes this device a producer."""
-        entry = CobEntry.unpack(integer_value(self.objects, _TIME))
+        entry = service_cob_id(self.objects, _TIME, TIME_KEY[0])
         return [stamp.encode((entry.identifier, entry.extended))] if entry.bit30 else []
 
 
@@ -324,7 +335,7 @@ def _cob_ids(objects: ObjectDictionary, index: int) -> _CobIds | None:
     if -1 in words:
         return None
     request, response = map(CobEntry.unpack, words)
-    return None if request.bit31 or response.bit31 else (request, response)
+    return (request, response) if request.carries_sdo and response.carries_sdo else None
 
 
 def client_channel(
@@ -350,7 +361,7 @@ def client_channel(
     index = _CLIENT_1 + client - 1
     cob_ids = _cob_ids(objects, index)
     if cob_ids is None:
-        raise EncodeError(f"SDO client {client} is not in use: {index:04X}h is missing or has bit 31 set")
+        raise EncodeError(f"SDO client {client} is not in use: {index:04X}h is missing, or {NOT_IN_USE}")
     return Channel(integer_value(objects, index, _NODE), dialect, cob_ids=cob_ids, node_monitor=node_monitor)
 
 

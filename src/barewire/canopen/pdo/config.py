@@ -30,7 +30,7 @@ from dataclasses import dataclass, replace
 from typing import Literal
 
 from barewire.canopen.abort_codes import AbortCode, SdoAbort
-from barewire.canopen.cob_ids import PDO_SERVICES, CobEntry, cob_id, is_restricted
+from barewire.canopen.cob_ids import PDO_SERVICES, CobEntry, cob_id
 from barewire.canopen.object_dictionary import Entry, ObjectDictionary
 from barewire.canopen.pdo.mapping import BITS_MAX, ENTRIES_MAX, MappedObject, PdoMapping
 from barewire.canopen.pdo.multiplexed import MPDO_COUNTS, Addressing
@@ -130,8 +130,9 @@ def pdos_of(objects: ObjectDictionary, node: int, *, refused: list[str] | None =
 
     A COB-ID of the predefined connection set is left out, so it follows the node-ID.
 
-    Some descriptions have PDOs that break a rule, which `LocalNode` raises as EncodeError. With a list as `refused`,
-    such a PDO is returned without its mapping and switched off, so that the device works, and the reason is appended.
+    Some descriptions have PDOs that break a rule, or have no COB-ID; `LocalNode` raises EncodeError for them. With a
+    list as `refused`, such a PDO is returned without its mapping and switched off, so that the device works, and the
+    reason is appended.
     """
     configs = []
     for direction, first in _COMMUNICATION.items():
@@ -188,8 +189,11 @@ def _value(objects: ObjectDictionary, index: int, sub: int) -> int:
 
 
 def validate_pdo(objects: ObjectDictionary, pdo: PdoConfig) -> None:
-    """Raise EncodeError if the type or the mapping of a PDO breaks a rule."""
+    """Raise EncodeError if the type or the mapping of a PDO breaks a rule, or a COB-ID with which it is on."""
     name = f"{pdo.direction}{pdo.number}"
+    entry = CobEntry.unpack(pdo.cob_id or 0)
+    if pdo.cob_id is not None and not entry.bit31 and entry.is_restricted and pdo.count:
+        raise EncodeError(f"{name}: COB-ID {entry.identifier:03X}h is restricted [CiA 301], so the PDO cannot be on")
     if not (0 <= pdo.type <= 255 and has_type(pdo.direction, pdo.type)):
         raise EncodeError(f"{name}: transmission type {pdo.type} does not exist")
     if pdo.multiplexed is not None and pdo.type <= RTR_AT_ONCE:
@@ -287,9 +291,8 @@ class _Rules:
         new = CobEntry.unpack(word)
         old = CobEntry.unpack(int(self.objects.get(self.pdo.communication, 1)))
         is_same = (new.identifier, new.extended) == (old.identifier, old.extended)
-        is_forbidden = not new.extended and is_restricted(new.identifier)
         stays_on = not new.bit31 and not old.bit31
-        if not CobEntry.is_well_formed(word) or (stays_on and not is_same) or (not new.bit31 and is_forbidden):
+        if not CobEntry.is_well_formed(word) or (stays_on and not is_same) or (not new.bit31 and new.is_restricted):
             raise SdoAbort(AbortCode.INVALID_VALUE, self.pdo.communication, 1)
 
     def type(self, value: int) -> None:

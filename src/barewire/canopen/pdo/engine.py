@@ -69,7 +69,7 @@ class ActivePdo:
         self.mapping: PdoMapping = resolve(objects, config.direction, words)
         # The records refuse other types for an MPDO, but the device itself may have set one: the MPDO is then off.
         has_content = self.type > RTR_AT_ONCE if addressing else bool(self.mapping.entries)
-        self.is_on = not self.cob.bit31 and has_content
+        self.is_on = has_content and not (self.cob.bit31 or self.cob.is_restricted)
         self.held: bytes | None = None  # the data of an RPDO that waits for SYNC
         self.received_at: float | None = None  # of an RPDO, while its event timer runs
         self.sent: bytes | None = None  # the data that a TPDO sent last, or sampled for a remote request

@@ -256,7 +256,9 @@ class RemotePdo:
     def of(cls, node: int, pdo: PdoConfig, objects: ObjectDictionary | None = None) -> Self:
         """Make one from a configuration, with the names and types of a dictionary.
 
-        Raise EncodeError if the PDO is switched off, or multiplexed: then each frame names its object (`Mpdo`).
+        Raise EncodeError if the PDO is switched off, or multiplexed: then each frame names its object (`Mpdo`); and for
+        an RPDO with a restricted COB-ID, since 000h with the controlword 0080h is an NMT command. A TPDO is received
+        wherever the node sends it.
         """
         entry = pdo.cob_entry(node)
         if pdo.multiplexed is not None:
@@ -266,6 +268,9 @@ class RemotePdo:
             )
         if entry.bit31:
             raise EncodeError(f"{pdo.direction}{pdo.number} of node {node} is switched off")
+        if entry.is_restricted and pdo.direction == "RPDO":
+            text = f"its COB-ID {entry.identifier:03X}h is restricted [CiA 301], so it would be another message"
+            raise EncodeError(f"RPDO{pdo.number} of node {node} cannot be sent: {text}")
         return cls(node, pdo, mapping_of(pdo, objects), (entry.identifier, entry.extended))
 
     def encode(self, values: Mapping[str, Value]) -> CanFrame:

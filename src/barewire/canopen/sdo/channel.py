@@ -59,6 +59,7 @@ from barewire.errors import DecodeError, EncodeError, NoAnswer
 SERVER_1 = 0x1200
 """The record of the first SDO server of a device, which is the default one; those of the others follow."""
 SERVERS_MAX = 128
+NOT_IN_USE = "has bit 31 set or a restricted COB-ID"
 
 
 def _count(number: int, noun: str) -> str:

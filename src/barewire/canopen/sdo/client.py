@@ -46,7 +46,7 @@ from barewire.canopen.abort_codes import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.cob_ids import CobEntry
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.block_transfer import BURST, FRAME, BlockReceiver, BlockSender
-from barewire.canopen.sdo.channel import OUT_OF_STEP, SERVER_1, SERVERS_MAX, Channel, channel_to
+from barewire.canopen.sdo.channel import NOT_IN_USE, OUT_OF_STEP, SERVER_1, SERVERS_MAX, Channel, channel_to
 from barewire.canopen.sdo.dialect import SdoDialect
 from barewire.canopen.sdo.messages import (
     ABORT,
@@ -606,7 +606,8 @@ def find_channel(default: Channel, server: int, *, timeout: float = DEFAULT_TIME
 
         1201h ... 127Fh, server 2 ... 128:      01  COB-ID client -> server     02  COB-ID server -> client
 
-    Raise SdoAbort if there is no such server, and EncodeError if its channel is not in use: bit 31 of a COB-ID is set.
+    Raise SdoAbort if there is no such server, and EncodeError if its channel is not in use: bit 31 of a COB-ID is set,
+    or its identifier is restricted, such as 0.
     """
     if not 1 <= server <= SERVERS_MAX:
         raise EncodeError(f"SDO server {server}: expected 1..{SERVERS_MAX}")
@@ -621,8 +622,8 @@ def _find_channel(default: Channel, server: int, timeout: float) -> Conversation
     for sub in (1, 2):
         word = yield from upload(default, index, sub, timeout=timeout, size=4)
         cob_ids.append(CobEntry.unpack(int.from_bytes(word[:4], "little")))
-    if any(entry.bit31 for entry in cob_ids):
-        raise EncodeError(f"SDO server {server} of node {default.node} is not in use: {index:04X}h has bit 31 set")
+    if not all(entry.carries_sdo for entry in cob_ids):
+        raise EncodeError(f"SDO server {server} of node {default.node} is not in use: {index:04X}h {NOT_IN_USE}")
     channel = Channel(
         default.node,
         default.dialect,

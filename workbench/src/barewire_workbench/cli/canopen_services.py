@@ -474,24 +474,33 @@ def _dictionary(client: CanopenClient, endpoint: str, file: str) -> tuple[int, O
 
 
 def _pdos_of_file(node: int, objects: Any) -> list[RemotePdo]:
-    from barewire.canopen import RemotePdo, pdos_of
+    from barewire.canopen import pdos_of
 
     refused: list[str] = []
     pdos = pdos_of(objects, node, refused=refused)
     for why in refused:
         note(f"left out: {why}")
-    return [RemotePdo.of(node, pdo, objects) for pdo in pdos if _is_on(pdo, node)]
+    return [remote for pdo in pdos for remote in _remote(pdo, node, objects)]
 
 
-def _is_on(pdo: Any, node: int) -> bool:
-    return pdo.multiplexed is None and not pdo.cob_entry(node).bit31
+def _remote(pdo: PdoConfig, node: int, objects: Any) -> list[RemotePdo]:
+    """Return the PDO in a list if it is on and has a mapping. Why it cannot be used, is printed."""
+    from barewire.canopen import RemotePdo
+
+    if pdo.multiplexed is not None or pdo.cob_entry(node).bit31:
+        return []
+    try:
+        return [RemotePdo.of(node, pdo, objects)]
+    except EncodeError as error:
+        note(f"left out: {error}")
+        return []
 
 
 def _pdos_of_node(client: CanopenClient, number: int, names: Any) -> list[RemotePdo]:
-    from barewire.canopen import RemotePdo
     from barewire.io.canopen.objects import objects_of
 
-    node, objects, pdos = client.node(number), objects_of(names), []
+    node, objects = client.node(number), objects_of(names)
+    pdos: list[RemotePdo] = []
     unknown: Refused | None = None
     directions: Sequence[Any] = ("TPDO", "RPDO")
     for direction in directions:
@@ -504,8 +513,7 @@ def _pdos_of_node(client: CanopenClient, number: int, names: Any) -> list[Remote
                 if place > _ALWAYS_TRIED:
                     break
                 continue
-            if _is_on(config, number):
-                pdos.append(RemotePdo.of(number, config, objects))
+            pdos += _remote(config, number, objects)
     if not pdos and unknown is not None:
         raise unknown
     return pdos

@@ -100,7 +100,8 @@ class PdoTracker:
         """Update the tables after a change of the record."""
         for key in [key for key, other in self._by_key.items() if other is record]:
             del self._by_key[key]
-        if record.key is not None:
+        # A PDO cannot have a restricted identifier: a frame with it is another message, such as NMT.
+        if record.key is not None and not CobEntry(*record.key).is_restricted:
             self._by_key[record.key] = record
         record.build_mapping(self._objects.get(record.node, {}))
 
