@@ -287,6 +287,15 @@ MOMENT = TimeOfDay.of(datetime(2026, 6, 28, 14, 3, 11))
 ALL_TYPES: dict[str, tuple[int, Value, Value]] = {
     "Time": (0x0C, MOMENT, TimeOfDay(MOMENT + 1)),
     "Span": (0x0D, TimeDifference(90_000), TimeDifference(0)),
+    "Bool": (0x01, True, False),
+    "I8": (0x02, -5, 5),
+    "U24": (0x16, 100_000, 0),
+    "U64": (0x1B, 2**64 - 1, 2**64 - 2),
+    "F32": (0x08, 0.2, 0.3),
+    "F64": (0x11, 300000.125, 300000.12),
+    "Text": (0x09, "Hall 4", ""),
+    "Unicode": (0x0B, "Hall 5", "x"),
+    "Octets": (0x0A, b"\x01\xab", b"\2"),
 }
 """The code of a type, a value of it, and another one."""
 
@@ -317,7 +326,20 @@ def test_a_time_is_saved_as_a_number_that_is_read_again(tmp_path: Path) -> None:
         assert SavedSettings.parse(file.read_bytes(), "file").settings["Span"].value == 90_000
         assert output_of("diff", str(file), first) == ""
         rows = list(csv.DictReader(StringIO(run_here("diff", str(file), second, "--csv").stdout)))
-        assert [(row["a"], row["b"]) for row in rows] == [(str(int(MOMENT)), str(MOMENT + 1)), ("90000", "0")]
+        assert [(row["a"], row["b"]) for row in rows[:2]] == [(str(int(MOMENT)), str(MOMENT + 1)), ("90000", "0")]
+
+
+@pytest.mark.parametrize("end", ["toml", "dcf"])
+def test_a_setting_of_each_type_is_saved_compared_and_restored(end: str, tmp_path: Path) -> None:
+    file = str(tmp_path / f"left.{end}")
+    with two_devices(tmp_path) as (device, first, second):
+        output_of("save", first, device, file)
+        assert output_of("diff", file, first) == ""
+        assert len(run_here("diff", file, second).stdout.splitlines()) == 1 + len(ALL_TYPES)
+        planned = output_of("restore", file, second, "--dry-run")
+        assert [name for name in ALL_TYPES if name not in planned] == []
+        assert f"{len(ALL_TYPES)} " in output_of("restore", file, second, "--no-store")
+        assert output_of("diff", file, second) == ""
 
 
 def test_a_file_that_could_not_be_read_again_takes_no_old_one_away(

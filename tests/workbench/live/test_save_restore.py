@@ -89,6 +89,7 @@ METER = Device(
         Parameter("Limit", "u32", unit="kWh", scale=Fraction(1, 1000), modbus=ModbusAt("holding", 0, 2)),
         Parameter("Energy", "f64", unit="kWh", modbus=ModbusAt("holding", 2, 4)),
         Parameter("Ratio", "f32", modbus=ModbusAt("holding", 6, 2)),
+        Parameter("Label", "text", modbus=ModbusAt("holding", 8, 2)),
     ),
 )
 
@@ -100,12 +101,21 @@ def test_a_value_is_saved_compared_and_restored_to_its_last_digit() -> None:
         for name, value in {"Limit": energy, "Energy": energy, "Ratio": 0.2}.items():
             machine.store[name] = value
     saved = saved_from(METER, first)
-    assert [value.value for value in saved.settings.values()] == [300000.125, 300000.125, 0.2]
+    assert [value.value for value in saved.settings.values()] == [300000.125, 300000.125, 0.2, ""]
     assert [found.name for found in differences(saved, saved_from(METER, second))] == ["Limit", "Energy"]
     _, changes = restored(METER, second, SavedSettings.parse(saved.text().encode(), "file"))
     assert [change.parameter.name for change in changes] == ["Limit", "Energy"]
     assert list(differences(saved, saved_from(METER, second))) == []
     assert restored(METER, second, saved)[1] == []
+
+
+def test_a_text_that_is_too_long_is_refused_before_the_first_write() -> None:
+    saved = saved_from(METER, machine := simulator(METER))
+    watched = Watched(machine)
+    saved.settings |= {"Ratio": SavedValue(0.5), "Label": SavedValue("Hall 4")}
+    with pytest.raises(EncodeError, match=r"Label: .*'Hall 4'"):
+        restored(METER, machine, saved)
+    assert watched.names == []
 
 
 @pytest.mark.parametrize("name", ["csd-mt", "adxl", "az3"])

@@ -28,7 +28,7 @@ from barewire import CanopenClient
 from barewire.canopen.configuration.configure import STORE_TIMEOUT, configure_device
 from barewire.canopen.configuration.settings import DeviceConfiguration, Setting
 from barewire.canopen.object_dictionary import Entry
-from barewire.codecs import Value, codec
+from barewire.codecs import Value
 from barewire.devices import Parameter
 from barewire.devices.cia402 import State, state_of
 from barewire.errors import BarewireError, DecodeError, EncodeError, NoAnswer, PortError, Refused, shown
@@ -239,14 +239,16 @@ class Restore:
         return changes
 
     def _check_ranges(self, changes: Iterable[Change]) -> None:
-        problems = []
+        is_can, problems = _is_can(self.url), []
         for change in changes:
             try:
                 raw = change.parameter.to_raw(change.after)
                 if isinstance(raw, float) and not isfinite(raw):
                     raise EncodeError(f"{change.parameter.name} = {raw}: expected a finite number")
-                if change.parameter.type not in ("bool", "text"):
-                    codec(change.parameter.type).encode(raw)
+                if is_can:
+                    change.parameter.to_object(change.after, bytes(8))  # of a bit, the present content
+                elif (place := change.parameter.modbus) is not None:
+                    change.parameter.to_registers(change.after, (0,) if place.partial else ())
             except EncodeError as error:
                 named = "" if change.parameter.name in str(error) else f"{change.parameter.name}: "
                 problems.append(f"{named}{error}")

@@ -76,7 +76,7 @@ def value_of(parameter: Parameter, saved: SavedValue) -> Value:
     time = _TIMES.get(parameter.type)
     if time is not None and isinstance(saved.value, int) and TimeCodec.minimum <= saved.value < TimeCodec.maximum:
         return time(saved.value)
-    if parameter.type != "octets" or not isinstance(saved.value, str):
+    if parameter.type not in ("octets", "domain") or not isinstance(saved.value, str):
         return saved.value
     try:
         return bytes.fromhex(saved.value)
