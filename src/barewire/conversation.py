@@ -26,7 +26,7 @@ from __future__ import annotations
 from collections.abc import Callable, Generator, Iterable, Sequence
 from typing import Generic, NamedTuple, Protocol, TypeAlias, TypeVar
 
-from barewire.errors import BarewireError
+from barewire.errors import BarewireError, EncodeError
 
 DEFAULT_TIMEOUT = 1.0
 """Seconds that a request waits for its response if the caller gives no time-out, on every bus."""
@@ -36,6 +36,12 @@ Result = TypeVar("Result")
 Event = TypeVar("Event")
 ItemIn = TypeVar("ItemIn", contravariant=True)
 EventOut = TypeVar("EventOut", covariant=True)
+
+
+def check_request_timeout(timeout: float) -> None:
+    """Raise EncodeError for a time-out below 0, or without an end: later requests may wait for a multiple of it."""
+    if not 0 <= timeout < float("inf"):
+        raise EncodeError(f"time-out {timeout} s: expected 0 or more seconds, and finite", "timeout")
 
 
 class Send(NamedTuple, Generic[Item]):

@@ -89,6 +89,9 @@ def test_unit_and_time_out_of_a_modbus_client_are_checked_at_once(client: Any) -
             one.at(timeout=timeout)
         with refused(EncodeError, f"time-out {timeout!r}: expected 0 or more seconds"):
             one.ask(ReadCoils(0, 1), timeout=timeout)
+    for use in (one.at, lambda timeout: one.ask(ReadCoils(0, 1), timeout=timeout)):
+        with refused(EncodeError, "time-out inf s: expected 0 or more seconds, and finite"):
+            use(timeout=float("inf"))
     with refused(EncodeError, "a number of 3322 bits"):
         client("tcp://127.0.0.1:1", unit=10**1000, lazy=True)
     with refused(EncodeError, "cannot be the name of a host"):

@@ -25,7 +25,7 @@ from barewire.canopen.frame import CanFrame
 from barewire.canopen.nmt.messages import NodeState
 from barewire.canopen.sdo import Abort, ExpeditedUpload, InitiateUpload, decode_sdo_response
 from barewire.canopen.sdo.channel import Channel
-from barewire.conversation import Conversation, Heard, Listen, Send
+from barewire.conversation import Conversation, Heard, Listen, Send, check_request_timeout
 from barewire.errors import DecodeError, EncodeError
 
 _DEVICE_TYPE = 0x1000
@@ -114,6 +114,7 @@ def scan(
     for name, seconds in (("gap", gap), ("listen", listen)):
         if not seconds >= 0:
             raise EncodeError(f"{name} {seconds} s: expected 0 or more", name)
+    check_request_timeout(timeout)
     result = ScanResult()
     pending: dict[int, float] = {}  # node -> time of the request
     requested: dict[int, float] = {}  # the same of all requests

@@ -55,7 +55,7 @@ from collections.abc import Callable, Collection, Mapping
 from os import PathLike, fspath
 from typing import TYPE_CHECKING, NamedTuple
 
-from barewire.conversation import DEFAULT_TIMEOUT
+from barewire.conversation import DEFAULT_TIMEOUT, check_request_timeout
 from barewire.errors import EncodeError, shown, suggest
 
 if TYPE_CHECKING:
@@ -180,7 +180,15 @@ def socketcand_address(channel: str) -> tuple[str, int]:
 
 
 def check_timeout(timeout: object) -> None:
-    """Raise EncodeError for a time-out that would never end (nan), is negative, or is not a number."""
+    """Raise EncodeError for the time-out of a request that never ends (inf, nan), is negative, or is not a number."""
+    check_wait(timeout)
+    if isinstance(timeout, (int, float)):
+        check_request_timeout(timeout)
+
+
+def check_wait(timeout: object) -> None:
+    """Raise EncodeError for a time-out that is negative, is not a number, or is nan. A wait for what comes by itself
+    leaves nothing behind, so it may be endless (inf)."""
     if timeout is not None and not (isinstance(timeout, (int, float)) and timeout >= 0):
         raise EncodeError(f"time-out {shown(timeout)}: expected 0 or more seconds", "timeout")
 

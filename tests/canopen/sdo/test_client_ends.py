@@ -38,15 +38,15 @@ def test_a_client_that_ends_a_transfer_names_the_node_and_the_reason() -> None:
     assert caught.value.why
 
 
-def test_a_time_out_of_0_is_allowed_and_less_is_refused() -> None:
+def test_a_time_out_of_0_is_allowed_and_less_or_an_endless_one_is_refused() -> None:
     wire = Wire[CanFrame](lambda frame, now: [])
     with pytest.raises(NoAnswer, match="within 0 s"):
         wire.play(upload(5, 0x6041, timeout=0.0))
     assert wire.now == 0.0
-    for timeout in (-1.0, float("nan")):
+    for timeout in (-1.0, float("nan"), float("inf")):
         with pytest.raises(EncodeError) as refusal:
             play(upload(5, 0x6041, timeout=timeout), lambda frame, now: [])
-        assert str(refusal.value) == f"time-out {timeout} s: expected 0 or more"
+        assert str(refusal.value) == f"time-out {timeout} s: expected 0 or more seconds, and finite"
 
 
 def test_aborts_that_cannot_be_decoded_are_counted_and_an_abort_names_the_node() -> None:

@@ -19,6 +19,7 @@ from tests.io.canopen.memory_bus import MemoryPort, device
 
 pytest.importorskip("can")
 NAN = float("nan")
+INF = float("inf")
 
 RPDO = RemotePdo.of(5, PdoConfig("RPDO", 1, (0x60400010,)))
 OBJECTS = ObjectDictionary([Entry(0x2000, 0, "speed", "u16", "rw", 5)])
@@ -89,17 +90,22 @@ TEXTS: list[tuple[Callable[[Any], Any], str]] = [
 
 CASES: dict[str, Callable[[Any], Any]] = {
     "upload, nan": lambda c: c.node().sdo.upload(0x1000, timeout=NAN),
+    "upload, inf": lambda c: c.node().sdo.upload(0x1000, timeout=INF),
+    "object, inf": lambda c: c.node(eds=OBJECTS).read(0x2000, timeout=INF),
     "upload, below 0": lambda c: c.node().sdo.upload(0x1000, timeout=-1),
     "client, nan": lambda c: c.node(timeout=NAN).sdo.upload(0x1000),
+    "client, inf": lambda c: c.node(timeout=INF).sdo.upload(0x1000),
     "another channel, nan": lambda c: c.node().sdo.find_channel(2, timeout=NAN),
     "scan, nan": lambda c: c.scan([5], timeout=NAN),
+    "scan, inf": lambda c: c.scan([5], timeout=INF),
     "heartbeat, nan": lambda c: c.node().nmt.wait_for_heartbeat(timeout=NAN),
     "NMT, nan": lambda c: c.node().nmt.send_confirmed(1, timeout=NAN),
     "fastscan, nan": lambda c: c.lss.fastscan(timeout=NAN),
     "stream, nan": lambda c: c.frames((1, False)).get(NAN),
+    "PDO, inf": lambda c: c.node().pdo.read_config("TPDO", 1, timeout=INF),
     "PDO, nan": lambda c: c.node().pdo.read_config("TPDO", 1, timeout=NAN),
     "time, nan": lambda c: c.time.send(NAN),
-    "time, inf": lambda c: c.time.send(float("inf")),
+    "time, inf": lambda c: c.time.send(INF),
     "SYNC period, nan": lambda c: c.sync.start(NAN),
     "SYNC identifier": lambda c: c.sync.send(key=(0x800, False)),
     "frame identifier": lambda c: c.send(CanFrame(0x800)),
@@ -133,6 +139,17 @@ def test_a_wrong_argument_raises_encode_error_and_sends_nothing(kind: str, case:
         run_with(calls, kind, bus, node=6, timeout=30.0)
 
 
+@KINDS
+def test_a_wait_for_what_comes_by_itself_may_be_endless(kind: str) -> None:
+    async def calls(client: Any) -> None:
+        with client.frames() as stream:
+            await get(client.send(CanFrame(0x185, b"\x01")))
+            assert await get(stream.get(INF)) == CanFrame(0x185, b"\x01")
+
+    with CanBus(MemoryPort()) as bus:
+        run_with(calls, kind, bus, node=6)
+
+
 def test_an_object_that_is_not_a_port_is_refused() -> None:
     for wrong in (None, "can://memory/x", CanBus):
         with pytest.raises(EncodeError, match=r": expected a port, such as can_port returns; CanBus.open takes a URL$"):
@@ -159,7 +176,7 @@ def test_a_port_of_the_application_whose_send_fails_is_a_port_error_with_its_cau
 
 def test_a_wrong_time_out_of_a_client_is_refused() -> None:
     with CanBus(MemoryPort()) as bus:
-        for wrong in (NAN, -1.0):
+        for wrong in (NAN, -1.0, INF):
             with pytest.raises(EncodeError, match="expected 0 or more"):
                 CanopenClient(bus, timeout=wrong)
         with CanopenClient(bus) as client, pytest.raises(EncodeError):

@@ -36,6 +36,14 @@ def rtu() -> RtuLine:
     return RtuLine(TIMING)
 
 
+def test_an_endless_time_out_is_refused_because_late_answers_are_expected_for_a_multiple_of_it() -> None:
+    bus = Bus(rtu())
+    for timeout in (float("inf"), float("nan"), -1.0):
+        with refused(EncodeError, f"time-out {timeout} s: expected 0 or more seconds, and finite"):
+            bus.ask(1, READ, timeout=timeout)
+    assert bus.counters.asked == 0
+
+
 # The times of a line ---------------------------------------------------------------------------------------------
 
 

@@ -52,6 +52,7 @@ _WRITE_COMMANDS = (0, 0x2F, 0x2B, 0x27, 0x23)  # by the number of bytes
 _ENDS = {0x4F: 5, 0x4B: 6, 0x47: 7, 0x43: 8}  # command of a response: where its value ends
 _DOWNLOADED = 0x60
 _FRAME = 8
+_ENDLESS = float("inf")
 
 _new = tuple.__new__
 
@@ -75,7 +76,7 @@ class PlainExchange(ABC, Generic[T]):
         """Return the request; None if the transfer needs a conversation from its beginning."""
         data = self._request()
         channel = self.channel
-        if data is None or not self.timeout > 0.0 or not channel.begin_plain():
+        if data is None or not 0.0 < self.timeout < _ENDLESS or not channel.begin_plain():
             return None
         self.named = data[1:4]
         frame: CanFrame = _new(CanFrame, (channel.request_id, data, channel.request_extended, False, 0))

@@ -45,8 +45,8 @@ from barewire.canopen.abort_codes import AbortCode, ProtocolViolation, SdoAbort
 from barewire.canopen.frame import CanFrame
 from barewire.canopen.sdo.channel import OUT_OF_STEP, Channel, OtherClient
 from barewire.canopen.sdo.messages import ABORT, Abort, M, SdoMessage
-from barewire.conversation import Conversation, Heard, Listen, SendAll
-from barewire.errors import DecodeError, EncodeError, NoAnswer
+from barewire.conversation import Conversation, Heard, Listen, SendAll, check_request_timeout
+from barewire.errors import DecodeError, NoAnswer
 
 _Result = TypeVar("_Result")
 
@@ -64,8 +64,7 @@ class ClientTransfer:
     def __init__(
         self, channel: Channel, verb: str, index: int, sub: int, timeout: float, sent_at: float | None = None
     ) -> None:
-        if not timeout >= 0:
-            raise EncodeError(f"time-out {timeout} s: expected 0 or more")
+        check_request_timeout(timeout)
         self.channel = channel
         self.verb = verb
         self.index = index

@@ -37,7 +37,7 @@ from barewire.io.canopen.operations import (
     BusOperation,
     whole_transfer,
 )
-from barewire.io.endpoint import check_timeout
+from barewire.io.endpoint import check_wait
 from barewire.io.engine.asyncio import abandon, run
 
 if TYPE_CHECKING:
@@ -95,7 +95,7 @@ class AsyncCanopenClient(ClientBase[AsyncBusRunner, AsyncDeviceNode]):
         `frames` returns a stream.
         """
         wait = self.timeout if timeout is None else timeout
-        check_timeout(wait)
+        check_wait(wait)
         self._check_open()
         if self._bus is None:
             await self.open()

@@ -38,7 +38,7 @@ from barewire.io.canopen.operations import (
     BusOperation,
     whole_transfer,
 )
-from barewire.io.endpoint import check_timeout
+from barewire.io.endpoint import check_wait
 from barewire.io.engine.blocking import abandon, run
 
 if TYPE_CHECKING:
@@ -90,7 +90,7 @@ class CanopenClient(ClientBase[BlockingBusRunner, DeviceNode]):
         `frames` returns a stream.
         """
         wait = self.timeout if timeout is None else timeout
-        check_timeout(wait)
+        check_wait(wait)
         self._check_open()
         with self._receiving:
             if self._everything is None:

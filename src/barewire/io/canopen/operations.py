@@ -46,7 +46,7 @@ from barewire.errors import EncodeError, shown
 from barewire.io.canopen.bus.node_runner import Running, Speaker
 from barewire.io.canopen.bus.shared_bus import CanBus
 from barewire.io.canopen.bus.subscriber import Key, Listener, Stream
-from barewire.io.endpoint import check_timeout
+from barewire.io.endpoint import check_wait
 from barewire.io.engine.methods import called_on_class, documented
 
 if TYPE_CHECKING:
@@ -195,7 +195,7 @@ else:
             except AttributeError:
                 raise called_on_class(make) from None
             if kwargs:
-                check_timeout(kwargs.get("timeout"))
+                check_wait(kwargs.get("timeout"))
             if runner.is_open:
                 return runner.carry_out(make(self, *args, **kwargs))
             return runner.open_and_carry_out(functools.partial(make, self, *args, **kwargs))

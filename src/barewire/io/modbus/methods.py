@@ -124,7 +124,7 @@ class ModbusMethods:
 
     def at(self, unit: int | None = None, timeout: float | None = None) -> Self:
         """Return the same client on the same connection, with another unit, another time-out in seconds, or both. This
-        time-out is that of every unit.
+        time-out is that of every unit; it has an end.
 
         Closing either of them, also by `with`, closes the connection of both.
         """

@@ -42,7 +42,7 @@ from copy import copy
 from operator import eq
 from typing import TYPE_CHECKING, Any, Literal, Self
 
-from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Conversation, Heard, Listen, Send
+from barewire.conversation import DEFAULT_TIMEOUT, Abandoned, Conversation, Heard, Listen, Send, check_request_timeout
 from barewire.errors import DecodeError, EncodeError, NoAnswer
 from barewire.modbus.adu import BROADCAST, Adu, describe_event
 from barewire.modbus.client.line_state import (
@@ -153,10 +153,12 @@ class Bus:
             repeat_writes    repeat a write without a response as well (default False)
 
         Raises ModbusException for an exception response, NoAnswer for silence, WriteOutcomeUnknown for an unanswered
-        write. A request that has no response by the standard (08/04, Force Listen Only Mode) returns `Unanswered`.
+        write, EncodeError for a time-out that is not finite. A request that has no response by the standard (08/04,
+        Force Listen Only Mode) returns `Unanswered`.
         """
         if unit == BROADCAST and not self.line.numbered:
             raise EncodeError("unit 0 on a serial line is a broadcast, which no unit answers: use broadcast", "unit")
+        check_request_timeout(timeout)
         repeats = self.retries if retries is None else retries
         if repeats and (repeat_writes or not request.writes):
             return self._ask_again(unit, request, timeout, repeats)

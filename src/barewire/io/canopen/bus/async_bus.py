@@ -35,7 +35,7 @@ from barewire.io.canopen.bus.subscriber import (
     StreamBase,
     Subscriber,
 )
-from barewire.io.endpoint import check_timeout
+from barewire.io.endpoint import check_wait
 from barewire.io.log import PortLog
 from barewire.io.ports.base import SEND_TIMEOUT, no_room
 
@@ -389,7 +389,7 @@ class AsyncStream(StreamBase[E]):
 
         Raises PortError if the bus is closed.
         """
-        check_timeout(timeout)
+        check_wait(timeout)
         clock = time.monotonic
         until = float("inf") if timeout is None else clock() + timeout
         while not self._ready:

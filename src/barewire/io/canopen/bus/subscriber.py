@@ -30,7 +30,7 @@ from typing import TYPE_CHECKING, Any, Generic, NamedTuple, Protocol, Self, Type
 
 from barewire.canopen.frame import CanFrame, ErrorFrame, FdFrame
 from barewire.errors import BarewireError, EncodeError, PortError, shown
-from barewire.io.endpoint import check_timeout
+from barewire.io.endpoint import check_wait
 from barewire.io.ports.base import Port
 
 if TYPE_CHECKING:
@@ -473,7 +473,7 @@ class Stream(StreamBase[E]):
             frame = self._read_alone(self._subscriber, LONGEST_PULL if timeout is None else timeout)
             if frame is not None:
                 return frame  # type: ignore[return-value]
-        check_timeout(timeout)
+        check_wait(timeout)
         clock = time.monotonic
         until = float("inf") if timeout is None else clock() + timeout
         while not self._ready:
