@@ -180,7 +180,8 @@ def test_a_node_that_answers_with_another_type_is_not_dead(tmp_path: Path) -> No
 @pytest.mark.parametrize(
     ("options", "text"),
     [
-        ('device = "az4"', "no device 'az4'"),
+        ('device = "az4"', "9:1: no device 'az4'"),
+        ('device = "adxl"', "9:1: device = 'adxl': it has no CANopen"),
         ('eds = "missing.eds"\nregisters = { 0 = "6041" }', "missing.eds"),
         ('registers = { 0 = "6041" }', "registers: expected device, or eds and registers"),
         ('device = "az3"\nregisters = { x = "6041" }', "registers = {'x': '6041'}: expected a table such as"),

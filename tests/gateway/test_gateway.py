@@ -194,6 +194,24 @@ def test_a_line_that_cannot_be_opened_is_0a_and_works_when_it_can(servers: Calla
     through(config(backend(f"tcp://127.0.0.1:{port}?reconnect_first=0.05", "1")), act)
 
 
+def test_a_mistake_in_a_url_that_shows_when_the_line_is_opened_is_0a_and_a_line_in_the_log(
+    tmp_path: Path, caplog: pytest.LogCaptureFixture
+) -> None:
+    """The certificate was there when the configuration was read."""
+    authority(tmp_path)
+    leaf(tmp_path, "client")
+    text = config(backend(tls_url(tmp_path, "client", "127.0.0.1:1"), "1"))
+
+    async def act(gateway: Gateway, client: AsyncModbusClient) -> None:
+        (tmp_path / "client.crt").unlink()
+        assert await answer(client, 1, "03 00 00 00 01") == "83 0a"
+
+    through(text, act)
+    rows = [row for row in caplog.records if row.name == "barewire.gateway"]
+    assert [(row.levelname, row.exc_info) for row in rows] == [("WARNING", None)]
+    assert "there is no file" in rows[0].getMessage()
+
+
 class Slow:
     """A unit that answers after a while."""
 

@@ -23,7 +23,7 @@ from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
-from barewire.errors import NoAnswer, PortError
+from barewire.errors import BarewireError, EncodeError, NoAnswer, PortError
 from barewire.gateway.dispatch import NO_PATH, NO_RESPONSE, Dispatcher, Exchange, Query, UnitConfig, UnitRecord
 from barewire.io.engine.callbacks import CallbackBox
 from barewire.io.engine.connections import random_fraction
@@ -154,7 +154,7 @@ class Backend(ABC):
 
     @abstractmethod
     async def _open(self) -> None:
-        """Open the connection. Raises PortError."""
+        """Open the connection. Raises BarewireError."""
 
     @abstractmethod
     def _send(self, lane: Any, exchange: Exchange) -> None:
@@ -250,7 +250,7 @@ class Backend(ABC):
                 await self._predecessors[0].is_closed.wait()
                 del self._predecessors[0]
             await self._open()
-        except PortError as error:
+        except BarewireError as error:  # the port, or what its URL names: a certificate that is not there any more
             code = NO_PATH
             self.cannot_open = True
             self._log.warning("path", str(error))
@@ -412,7 +412,11 @@ class ModbusBackend(Backend):
         return self.connection.back_off.wait(now) <= 0.0
 
     async def _open(self) -> None:
-        await self.connection.open(self.connection.lanes[0], 0.0)
+        try:
+            await self.connection.open(self.connection.lanes[0], 0.0)
+        except EncodeError as error:
+            self.connection.back_off.failed(self._loop.time(), str(error))
+            raise
         if self.options.settle:
             await asyncio.sleep(self.options.settle)
             if not self.is_connected:  # the other side has closed it at once: next time after a pause

@@ -26,7 +26,7 @@ from barewire.canopen import SdoAbort
 from barewire.codecs import Value, pack_bits
 from barewire.devices.device import CanopenSettings, Device, ModbusSettings
 from barewire.devices.parameter import ModbusAt, ObjectAt, Parameter, TableName
-from barewire.errors import DecodeError, EncodeError, NoAnswer, PortError
+from barewire.errors import BarewireError, DecodeError, EncodeError, NoAnswer, PortError
 from barewire.gateway.backend import FAILED, Backend
 from barewire.gateway.dispatch import NO_RESPONSE, Exchange
 from barewire.io.canopen.async_client import AsyncCanopenClient
@@ -283,15 +283,15 @@ class CanopenBackend(Backend):
         await self._settle()  # after another backend on this bus
         client = AsyncCanopenClient(str(self.endpoint))
         try:
+            self._units = {
+                unit: CanopenUnit(client, config, self.dispatcher.unit(unit).options.timeout)
+                for unit, config in self._nodes.items()
+            }
             await client.open()
-        except PortError:
+        except BarewireError:
             self._not_before = self._loop.time() + _RETRY
             raise
         self._client = client
-        self._units = {
-            unit: CanopenUnit(client, config, self.dispatcher.unit(unit).options.timeout)
-            for unit, config in self._nodes.items()
-        }
 
     def _send(self, lane: int, exchange: Exchange) -> None:
         task = self._loop.create_task(self._carry_out(lane, exchange))

@@ -24,7 +24,7 @@ from barewire.errors import BarewireError, EncodeError, PortError, shown, sugges
 from barewire.gateway.backend import BackendOptions
 from barewire.gateway.dispatch import ASKING, UnitConfig
 from barewire.gateway.policy import AccessRule, Policy
-from barewire.io.endpoint import UNIT_OPTIONS, Endpoint, split_name
+from barewire.io.endpoint import PSEUDO_TERMINAL, UNIT_OPTIONS, Endpoint, split_name
 from barewire.io.modbus.carriers import modbus_endpoint, modbus_line, unit_options
 from barewire.modbus.server.authorization import Permission
 
@@ -508,9 +508,13 @@ class _Reader:
             self._fault((*path, given[0]), f"{given[0]}: only for units on CAN, where objects become registers")
         elif given == ["device"]:
             try:
-                return load(values["device"])
+                device = load(values["device"])
             except BarewireError as error:
                 self._fault((*path, "device"), str(error))
+                return None
+            if device.canopen is not None:
+                return device
+            self._fault((*path, "device"), f"device = {shown(values['device'])}: it has no CANopen")
         elif given == ["eds", "registers"]:
             if values["registers"] is not None and values["eds"] is not None:
                 from barewire.gateway.canopen_backend import device_of_eds  # loads CANopen
@@ -605,8 +609,22 @@ def _backend_endpoint(url: str) -> Endpoint:
 
 
 def _check_backend(endpoint: Endpoint) -> None:
-    if endpoint.scheme != "can":
-        modbus_line(endpoint, "client")
+    """Raise the error of a line that could never be opened as it is written, also of its certificates."""
+    if endpoint.scheme == "can":
+        from barewire.io.ports.can.interfaces import check_interface
+
+        check_interface(endpoint)
+        return
+    modbus_line(endpoint, "client")
+    if endpoint.transport == "tls":
+        from barewire.io.ports.tls import client_context, server_name
+
+        client_context(endpoint)
+        server_name(endpoint)
+    elif endpoint.place == PSEUDO_TERMINAL:
+        from barewire.io.ports.serial import SerialPort
+
+        SerialPort.of(endpoint)  # raises the error
 
 
 def _seconds(value: Any) -> float:
