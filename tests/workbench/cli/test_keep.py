@@ -307,6 +307,7 @@ def two_devices(
     """Serve two devices with a setting of each type; yield the EDS and both URLs. The second has the other values."""
     file = path / "device.eds"
     objects = [f"{0x2000 + number:X} {name} {code} rw" for number, (name, (code, *_)) in enumerate(types.items())]
+    objects += ["3000 key 10 ro DefaultValue=01AB"]
     file.write_bytes(described(*objects).encode())
     bus = f"can://memory/keep-{path.name}"
     urls = [f"{bus}?node={node}" for node in (5, 6)]
@@ -336,6 +337,8 @@ def test_a_setting_of_each_type_is_saved_compared_and_restored(end: str, tmp_pat
         output_of("save", first, device, file)
         assert output_of("diff", file, first) == ""
         assert len(run_here("diff", file, second).stdout.splitlines()) == 1 + len(ALL_TYPES)
+        assert all(map(json.loads, output_of("restore", file, second, "--dry-run", "--json").splitlines()))
+        assert all(map(json.loads, output_of("devices", device, "--json").splitlines()))
         planned = output_of("restore", file, second, "--dry-run")
         assert [name for name in ALL_TYPES if name not in planned] == []
         assert f"{len(ALL_TYPES)} " in output_of("restore", file, second, "--no-store")

@@ -75,16 +75,18 @@ def output_form(form: str | None, *, as_json: bool) -> str:
 
 def print_json(fields: Any) -> None:
     """Print one object on one line, and flush it."""
-    print(json.dumps(_without_nan(fields), ensure_ascii=False, allow_nan=False), flush=True)
+    print(json.dumps(_for_json(fields), ensure_ascii=False, allow_nan=False), flush=True)
 
 
-def _without_nan(value: Any) -> Any:
-    # JSON has no numbers for NaN and the infinities: they become text.
+def _for_json(value: Any) -> Any:
+    # JSON has no bytes, and no numbers for NaN and the infinities: they become text.
+    if isinstance(value, bytes):
+        return value.hex(" ").upper()
     if isinstance(value, float) and not math.isfinite(value):
         return str(value)
     if isinstance(value, dict):
-        return {key: _without_nan(item) for key, item in value.items()}
-    return [_without_nan(item) for item in value] if isinstance(value, (list, tuple)) else value
+        return {key: _for_json(item) for key, item in value.items()}
+    return [_for_json(item) for item in value] if isinstance(value, (list, tuple)) else value
 
 
 def note(text: str) -> None:
