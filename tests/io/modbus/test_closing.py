@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import socket
 from collections.abc import Callable
 from typing import Any
 
@@ -12,7 +13,9 @@ from barewire import AsyncModbusClient, ModbusClient, ModbusServer, Table
 from barewire.errors import PortError
 from barewire.io.modbus import async_client
 from barewire.io.ports import async_links
+from barewire.modbus import WriteOutcomeUnknown
 from tests.helpers import PATIENCE, refused, until
+from tests.io.peers import peer, read_exactly
 
 CLIENTS: list[Any] = [ModbusClient, AsyncModbusClient]
 
@@ -65,3 +68,34 @@ def test_a_client_closed_before_it_is_connected_stays_closed(
         until(lambda: not server.connections)
     assert table.holding_registers[5] == 0
     assert lost == []
+
+
+@pytest.mark.parametrize("kind", CLIENTS)
+def test_on_lost_may_close_the_client(kind: Any) -> None:
+    lost: list[str] = []
+
+    def on_lost(why: str) -> None:
+        lost.append(why)
+        client.connection.close()
+
+    async def drop() -> None:
+        await client.open()
+        client.connection.drop("not aligned")
+
+    def hang_up(connection: socket.socket) -> None:
+        read_exactly(connection, 12)
+
+    with peer(hang_up) as port:
+        client = kind(f"tcp://127.0.0.1:{port}", lazy=True, timeout=PATIENCE, on_lost=on_lost)
+        with pytest.raises(WriteOutcomeUnknown):
+            write_one(client, 5, 4242)
+        assert not client.connected
+        assert len(lost) == 1
+        client = kind(f"tcp://127.0.0.1:{port}", lazy=True, timeout=PATIENCE, on_lost=on_lost)
+        if kind is AsyncModbusClient:
+            asyncio.run(drop())
+        else:
+            client.open()
+            client.connection.drop("not aligned")
+        assert not client.connected
+        assert lost[1:] == ["not aligned"]

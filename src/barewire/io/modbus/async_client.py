@@ -276,14 +276,16 @@ class AsyncConnection(ConnectionBase):
 
     def drop(self, why: str) -> None:
         """Close a connection that failed: tasks that wait for an answer get a PortError with `why`."""
-        if self._link is not None:
+        link, self._link = self._link, None  # first: `on_lost` may close the client
+        if link is not None:
             ended = next((lane.box.lost for lane in self.lanes if lane.box is not None and lane.box.lost), None)
-            if not self._has_told_lost:
-                self._lost("" if self._closed else ended or why)
-            self._has_told_lost = False
-            with suppress(RuntimeError):  # the event loop of the connection is closed
-                self._link.close()
-            self._link = None
+            has_told, self._has_told_lost = self._has_told_lost, False
+            try:
+                if not has_told:
+                    self._lost("" if self._closed else ended or why)
+            finally:
+                with suppress(RuntimeError):  # the event loop of the connection is closed
+                    link.close()
         for lane in self.lanes:
             if lane.box is not None:
                 lane.box.fail(why)

@@ -189,10 +189,12 @@ class Connection(ConnectionBase):
 
     def drop(self, why: str) -> None:
         """Close a port that failed; the next request opens another one."""
-        if self.port is not None:
-            self._lost("" if self._closed else why)
-            self.port.close()
-            self.port = None
+        port, self.port = self.port, None  # first: `on_lost` may close the client, and so may another thread
+        if port is not None:
+            try:
+                self._lost("" if self._closed else why)
+            finally:
+                port.close()
 
     def close(self) -> None:
         """Close the port for good."""
