@@ -166,6 +166,24 @@ def test_rows_wait_in_memory_while_the_file_is_locked(tmp_path: Path) -> None:
     buffer.close()
 
 
+def test_what_the_broker_has_is_not_sent_again_though_it_could_not_be_deleted(tmp_path: Path) -> None:
+    file = str(tmp_path / "buffer.sqlite")
+    buffer = Buffer(file, limit=4)
+    buffer.append([("t", "1"), ("t", "2")])
+    (first,) = buffer.batch(1)
+    other = sqlite3.connect(file, isolation_level=None)
+    other.execute("BEGIN IMMEDIATE")
+    with pytest.raises(PortError, match="locked"):
+        buffer.acknowledged(first.sequence)
+    other.execute("ROLLBACK")
+    other.close()
+    (second,) = buffer.batch(9)
+    assert (second.payload, second.was_sent) == ("2", False)
+    buffer.acknowledged(second.sequence)
+    assert len(buffer) == 0
+    buffer.close()
+
+
 def test_payloads_have_value_unit_word_and_time() -> None:
     mode = Parameter("Mode", "u16", values={2: "automatic"})
     assert json.loads(reading_payload(Reading(mode, 2), 1.5)) == {"value": 2, "text": "automatic", "at": 1.5}
@@ -466,6 +484,33 @@ def test_a_publisher_ends_though_a_call_to_the_broker_keeps_the_cancellation(
             await broker.has_waited.wait()
 
     asyncio.run(main())
+
+
+class _TakesNoReadings(_KeepsCancellation):
+    """A client of aiomqtt whose broker takes everything but values, as one that gives no right to publish them."""
+
+    async def publish(self, topic: str, *_: object, **__: object) -> None:
+        if topic.endswith("/count"):
+            raise aiomqtt.MqttError("not authorized")
+
+
+def test_a_broker_that_takes_no_readings_is_tried_less_often(
+    site: Site, monkeypatch: pytest.MonkeyPatch, caplog: pytest.LogCaptureFixture
+) -> None:
+    monkeypatch.setattr("barewire.gateway.publish.publisher._PAUSES", (0.01, 0.04))
+    monkeypatch.setattr(aiomqtt, "Client", lambda *_, **__: _TakesNoReadings(""))
+
+    async def main() -> None:
+        async with Gateway(read_config(site.config())), asyncio.timeout(WAIT):
+            while len(pauses()) < 4:
+                await asyncio.sleep(0.01)
+
+    def pauses() -> list[str]:
+        lines = [record.getMessage().partition("not authorized; next attempt in ")[2] for record in caplog.records]
+        return [line for line in lines if line]
+
+    asyncio.run(main())
+    assert pauses()[:4] == ["0.01 s", "0.02 s", "0.04 s", "0.04 s"]
 
 
 @pytest.mark.needs("mosquitto")
@@ -861,17 +906,21 @@ def test_commands_do_not_hold_up_polling(site: Site) -> None:
 
 @pytest.mark.needs("mosquitto")
 def test_a_buffer_that_cannot_be_written_ends_nothing(site: Site) -> None:
-    """Another program has the file locked for a while. Nothing is lost, and all of it arrives afterwards."""
+    """Another program has the file locked for a while. Nothing is lost, and all of it arrives afterwards; meanwhile the
+    publisher stays at its broker, and commands have their outcomes."""
 
     async def main() -> None:
         async with Listener() as listener:
-            await listener.listen(site.port)
+            client = await listener.listen(site.port)
             async with Gateway(read_config(site.config())):
                 await listener.has("barewire/hall_1/meter/count", 3)
                 other = sqlite3.connect(site.folder / "buffer.sqlite", isolation_level=None, timeout=WAIT)
                 other.execute("BEGIN IMMEDIATE")
                 before = site.reads
                 await listener.until(lambda: site.reads > before + 10)
+                for number in (1, 2):
+                    await client.publish("barewire/hall_1/meter/ratio/set", str(number), qos=1)
+                    await listener.has("barewire/hall_1/meter/ratio/result", number)
                 other.execute("ROLLBACK")
                 other.close()
                 last = site.reads
@@ -880,6 +929,7 @@ def test_a_buffer_that_cannot_be_written_ends_nothing(site: Site) -> None:
         check_sequence(listener)
         values = [json.loads(payload)["value"] for payload in listener.of(counts)]
         assert sorted(set(values)) == list(range(1, max(values) + 1))
+        assert len(listener.of("barewire/hall_1/meter/description")) == 1
 
     site.start_broker()
     asyncio.run(main())

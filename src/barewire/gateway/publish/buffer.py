@@ -44,6 +44,8 @@ class Buffer:
         self.limit = limit
         self.dropped = 0
         """Rows dropped because the buffer was full."""
+        self._acknowledged = 0
+        """The latest row that the broker has, also if it could not be deleted."""
         self._unwritten: deque[tuple[str, str]] = deque()
         try:
             # With a time-out, a locked file would stop the event loop.
@@ -97,13 +99,15 @@ class Buffer:
         """Return the oldest rows, at most `count`, and mark them as sent."""
         self._write()
         with self._transaction():
-            rows = self._rows.execute("SELECT * FROM reading ORDER BY sequence LIMIT ?", [count]).fetchall()
+            oldest = "SELECT * FROM reading WHERE sequence > ? ORDER BY sequence LIMIT ?"
+            rows = self._rows.execute(oldest, [self._acknowledged, count]).fetchall()
             if rows:
                 self._rows.execute("UPDATE reading SET was_sent = 1 WHERE sequence <= ?", [rows[-1][0]])
         return [BufferedReading(sequence, topic, payload, bool(sent)) for sequence, topic, payload, sent in rows]
 
     def acknowledged(self, sequence: int) -> None:
-        """Delete the rows up to this one: the broker has them."""
+        """Delete the rows up to this one: the broker has them. After PortError the next call deletes them."""
+        self._acknowledged = sequence
         with self._transaction():
             deleted = self._rows.execute("DELETE FROM reading WHERE sequence <= ?", [sequence]).rowcount
         self._size -= deleted

@@ -49,7 +49,7 @@ if TYPE_CHECKING:
 _BATCH = 100
 """Readings under way to the broker at once."""
 _PAUSES = (0.5, 30.0)
-"""Seconds of the first and the longest pause between attempts to connect to the broker."""
+"""Seconds of the first and the longest pause between attempts to connect to the broker, or to use the buffer."""
 _GOODBYE = 2.0
 """Seconds in which the broker has to take the last messages."""
 _REFUSED_FOR = 60.0
@@ -152,6 +152,7 @@ class Publisher:
         """`buffer`, which may be that of a publisher that ends when this one begins, or its own."""
         self.is_connected = False
         self._is_stopping = False
+        self._pause = _PAUSES[0]
         self._mqtt = aiomqtt
         self._options = broker_options(config.broker)
         self._broker = f"{self._options['hostname']}:{self._options['port']}"
@@ -369,15 +370,14 @@ class Publisher:
     # The broker
 
     async def _serve_broker(self) -> None:
-        """Stay connected to the broker."""
-        pause, longest = _PAUSES
+        """Stay connected to the broker. After it has taken readings, the pause between attempts is the first one again:
+        one that takes none is no better than one that is away."""
         will = self._mqtt.Will(self._topics.status, OFFLINE, qos=1, retain=True)
         while True:
             client = self._mqtt.Client(**self._options, will=will, keepalive=15, timeout=10.0)
             client.pending_calls_threshold = 2 * _BATCH  # above it, each is a warning in the log
             try:
                 async with client:
-                    pause = _PAUSES[0]
                     self.is_connected = True
                     self._log.info("connected", f"connected to {self._broker}")
                     try:
@@ -390,15 +390,16 @@ class Publisher:
                         await self._say_goodbye(client)
                         raise
             except* (self._mqtt.MqttError, PortError, OSError, TimeoutError) as error:
-                self._log.warning("broker", f"{self._broker}: {_why(error.exceptions[0])}; next attempt in {pause:g} s")
+                why = _why(error.exceptions[0])
+                self._log.warning("broker", f"{self._broker}: {why}; next attempt in {self._pause:g} s")
             except* Exception as error:  # the next attempt may do better than none
                 first = error.exceptions[0]
-                self._log.error("code", f"{type(first).__name__}: {first}; next attempt in {pause:g} s", first)
+                self._log.error("code", f"{type(first).__name__}: {first}; next attempt in {self._pause:g} s", first)
             finally:
                 client._client.disconnect()  # aiomqtt leaves a connection open that the broker did not answer
             self.is_connected = False
-            await asyncio.sleep(pause)
-            pause = min(2 * pause, longest)
+            await asyncio.sleep(self._pause)
+            self._pause = _longer(self._pause)
 
     async def _say_everything(self, client: Client) -> None:
         """Publish what is retained: birth, descriptions, discovery, and whether each machine responds."""
@@ -447,6 +448,7 @@ class Publisher:
         if self.config.home_assistant:
             await client.subscribe(f"{self.config.home_assistant}/status", qos=1)
         await self._say_everything(client)
+        pause, buffer_at = _PAUSES[0], None
         while True:
             self._news.clear()
             while self._retained:
@@ -456,21 +458,38 @@ class Publisher:
                     del self._retained[topic]
             await self._send_results(client)
             _end_if_cancelled()
-            while rows := self.buffer.batch(_BATCH):
-                # Each is given to the client before the next; it keeps the order, and all wait for the broker together.
-                await asyncio.gather(
-                    *(
-                        client.publish(
-                            row.topic,
-                            with_sequence(row.payload, row.sequence, again=row.was_sent),
-                            qos=1,
-                            retain=self.config.retain,
-                        )
-                        for row in rows
-                    )
+            has_sent, now = False, asyncio.get_running_loop().time()
+            if buffer_at is None or now >= buffer_at:
+                try:
+                    has_sent = await self._send_readings(client)
+                    pause, buffer_at = _PAUSES[0], None
+                except PortError as error:  # of the buffer, so the broker is not left
+                    self._log.error("buffer", f"{error}; tried again in {pause:g} s")
+                    pause, buffer_at = _longer(pause), now + pause
+            if not has_sent:
+                with suppress(TimeoutError):
+                    async with asyncio.timeout_at(buffer_at):
+                        await self._news.wait()
+
+    async def _send_readings(self, client: Client) -> bool:
+        """Send the oldest readings, in order, and take them from the buffer. Returns whether there were any."""
+        rows = self.buffer.batch(_BATCH)
+        # Each is given to the client before the next; it keeps the order, and all wait for the broker together.
+        await asyncio.gather(
+            *(
+                client.publish(
+                    row.topic,
+                    with_sequence(row.payload, row.sequence, again=row.was_sent),
+                    qos=1,
+                    retain=self.config.retain,
                 )
-                self.buffer.acknowledged(rows[-1].sequence)
-            await self._news.wait()
+                for row in rows
+            )
+        )
+        if rows:
+            self._pause = _PAUSES[0]
+            self.buffer.acknowledged(rows[-1].sequence)
+        return bool(rows)
 
     async def _send_results(self, client: Client) -> None:
         """Send the outcomes of commands. One that the broker did not take is sent again after a reconnect."""
@@ -518,6 +537,10 @@ class Publisher:
             self._refuse(command, "too many commands wait")
         else:
             line.commands.put_nowait(command)
+
+
+def _longer(pause: float) -> float:
+    return min(2 * pause, _PAUSES[1])
 
 
 def _is_of_gateway(error: BarewireError) -> bool:
