@@ -213,7 +213,7 @@ def test_discovery_of_home_assistant(parameter: Parameter, is_command: bool, kin
     topic, payload = discovery("ha", Topics("Hall 1"), "Press", "X", parameter, is_command=is_command)
     config = json.loads(payload)
     name = parameter.name.lower()
-    assert topic == f"ha/{kind}/barewire_hall_1_press_{name}/config"
+    assert topic == f"ha/{kind}/barewire-hall_1-press-{name}/config"
     assert config.items() >= more.items()
     assert config["state_topic"] == f"barewire/hall_1/press/{name}"
     assert ("command_topic" in config) is is_command
@@ -226,7 +226,7 @@ def test_discovery_of_home_assistant(parameter: Parameter, is_command: bool, kin
 def test_a_command_with_one_value_is_a_button() -> None:
     reset = Parameter("Reset", "u16", minimum=1, maximum=1)
     topic, payload = discovery("ha", Topics("Hall 1"), "Press", "X", reset, is_command=True)
-    assert topic == "ha/button/barewire_hall_1_press_reset/config"
+    assert topic == "ha/button/barewire-hall_1-press-reset/config"
     config = json.loads(payload)
     assert config["payload_press"] == "1"
     assert config["command_topic"] == "barewire/hall_1/press/reset/set"
@@ -245,6 +245,21 @@ def test_no_topic_is_that_of_another_value() -> None:
         "barewire/hall/press_1",
         *["barewire/hall/press_1/speed"] * 2,
     ]
+
+
+def test_no_id_of_home_assistant_is_that_of_another_value() -> None:
+    names = ("1", "1 x", "x", "x 1", "Status", "status value", "-", "x - 1")
+    values = list(itertools.product(names, repeat=3))
+
+    def ids(site: str, machine: str, name: str) -> tuple[str, str]:
+        topic, payload = discovery("ha", Topics(site), machine, "X", Parameter(name, "u16"), is_command=False)
+        config = json.loads(payload)
+        assert topic == f"ha/sensor/{config['unique_id']}/config"
+        return config["unique_id"], config["device"]["identifiers"][0]
+
+    topics = {Topics(site).parameter(machine, name) for site, machine, name in values}
+    assert len({ids(*value)[0] for value in values}) == len(topics)
+    assert len({ids(*value)[1] for value in values}) == len({topic.rpartition("/")[0] for topic in topics})
 
 
 @pytest.mark.parametrize(
@@ -525,7 +540,7 @@ def test_values_are_published_with_birth_description_and_discovery(site: Site) -
         assert listener.of("barewire/hall_1/meter/status") == ["online"]
         described = json.loads(listener.of("barewire/hall_1/meter/description")[0])
         assert [(row["name"], row["command"]) for row in described["parameters"]] == [("Count", False), ("Ratio", True)]
-        number = "homeassistant/number/barewire_hall_1_meter_ratio/config"
+        number = "homeassistant/number/barewire-hall_1-meter-ratio/config"
         assert len(listener.of(number)) == 1
         await client.publish("homeassistant/status", "online")
         await listener.until(lambda: len(listener.of(number)) == 2)

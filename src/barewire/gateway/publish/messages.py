@@ -120,16 +120,17 @@ def discovery(
 
     https://www.home-assistant.io/integrations/mqtt: a sensor or a binary sensor; a command is a number, a switch or a
     text, or a button if there is only one value to write.
+
+    The id is the topic with "-", which no part has, so two values have one id only if they have one topic.
     """
-    site, place = topics.root.partition("/")[2], topic_part(machine)
-    identity = f"barewire_{site}_{place}_{topic_part(parameter.name)}"
     state = topics.parameter(machine, parameter.name)
+    identity = state.replace("/", "-")
     config: dict[str, Any] = {
         "name": parameter.name,
         "unique_id": identity,
         "availability": [{"topic": topics.status}, {"topic": topics.machine_status(machine)}],
         "availability_mode": "all",
-        "device": {"identifiers": [f"barewire_{site}_{place}"], "name": machine, "model": title},
+        "device": {"identifiers": [topics.machine(machine).replace("/", "-")], "name": machine, "model": title},
     }
     if is_command:
         config["command_topic"] = f"{state}/set"
