@@ -97,7 +97,11 @@ def test_a_url_of_a_backend_with_a_wrong_option_of_a_unit(query: str, text: str)
         ('"1-3,20"', '"3-1"', ["7:1: units = '3-1': expected unit addresses and ranges, 0 to 255, such as",
                                "10:3: unit 20: expected a unit that is in units"]),
         ('"1-3,20"', '"0-3,20"', ["7:1: a serial line has no unit 0: broadcast = true sends broadcasts"]),
-        ("timeout = 0.5", 'timeout = "0.5"', ["8:1: timeout = '0.5': expected 0 or more seconds"]),
+        ("timeout = 0.5", 'timeout = "0.5"', ["8:1: timeout = '0.5': expected more than 0 seconds"]),
+        ("timeout = 0.5", "timeout = 0", ["8:1: timeout = 0: expected more than 0 seconds"]),
+        ("timeout = 0.5", "queue = 0", ["8:1: queue = 0: expected a whole number, 1 or more"]),
+        ("timeout = 0.5", "patience = 0", ["8:1: patience = 0: expected more than 0 seconds"]),
+        ("gap = 0.1", "timeout = 0", ["12:3: timeout = 0: expected more than 0 seconds"]),
         ("as = 7", "as = 300", ["11:3: as = 300: expected a unit address, 0..255"]),
         ("gap = 0.1", "gapp = 0.1", ["12:3: unknown 'gapp', expected as, timeout, gap"]),
         ("units = \"30\"", "units = \"3-30\"", ["16:1: unit 3 is behind 'hall' already"]),
@@ -162,7 +166,7 @@ def test_the_example_is_valid_also_with_everything_that_is_commented_out() -> No
 
 @pytest.mark.parametrize(
     ("old", "new"),
-    [("drain = 1", "dran = 1"), ('name = "hall"\n', ""), ("timeout = 0.5", 'timeout = "0.5"'), ("[3, 4]", "[3, 200]")],
+    [("drain = 1", "dran = 1"), ('name = "hall"\n', ""), ("timeout = 0.5", "timeout = 0"), ("[3, 4]", "[3, 200]")],
 )
 def test_the_schema_refuses_what_the_check_refuses(old: str, new: str) -> None:
     form = config_schema()

@@ -202,7 +202,9 @@ def test_payloads_have_value_unit_word_and_time() -> None:
             "number",
             {"min": -3276.8, "max": 3276.7, "step": 0.1},
         ),
-        (Parameter("Total", "u64"), True, "number", {"min": 0, "max": 2**53}),
+        (Parameter("Total", "u64"), True, "number", {"min": 0, "max": 2**53, "step": 1.0}),
+        (Parameter("Kp", "f32"), True, "number", {"step": 0.001}),
+        (Parameter("Kp", "u16", scale=Fraction(1, 10000)), True, "number", {"step": 0.001}),
         (Parameter("Ratio", "f64", maximum=1), True, "number", {"min": -(2**53), "max": 1}),
         (Parameter("Label", "text"), True, "text", {"command_template": "{{ value | tojson }}"}),
         (Parameter("Fault", "bool"), False, "binary_sensor", {"payload_on": "true", "payload_off": "false"}),
@@ -504,8 +506,8 @@ def test_a_publisher_ends_though_a_call_to_the_broker_keeps_the_cancellation(
 class _TakesNoReadings(_KeepsCancellation):
     """A client of aiomqtt whose broker takes everything but values, as one that gives no right to publish them."""
 
-    async def publish(self, topic: str, *_: object, **__: object) -> None:
-        if topic.endswith("/count"):
+    async def publish(self, *given: object, **_: object) -> None:
+        if str(given[0]).endswith("/count"):
             raise aiomqtt.MqttError("not authorized")
 
 
@@ -825,6 +827,9 @@ def test_a_machine_that_refuses_everything_is_asked_less_often(site: Site, code:
         ('"Count", "Ratio"]', '"Count", "Rato"]', "meter has no parameter 'Rato'; did you mean 'Ratio'?"),
         ('commands = ["Ratio"]', 'commands = ["Count"]', "Count cannot be written"),
         ("every = 0.05", "every = 0", "every = 0: expected 0.001 seconds or more"),
+        ('site = "Hall 1"', 'site = "Hall 1"\nlimit = 0', "5:1: limit = 0: expected a whole number, 1 or more"),
+        ('"\ndevice', '?timeout=0"\ndevice', "timeout=0: expected more than 0"),
+        ('"homeassistant"', '"homeassistant/"', "expected the beginning of a topic"),
         ('/meter"', '/metre"', "and no such directory"),
         ("tcp://", "can://memory/", "CANopen"),
         ("/buffer.sqlite", "/missing/buffer.sqlite", "/missing is no directory"),

@@ -43,7 +43,7 @@ class Option(NamedTuple):
 
 
 _OF_UNITS = (
-    Option("timeout", "seconds", ASKING.timeout, "how long a response may take"),
+    Option("timeout", "time", ASKING.timeout, "how long a response may take"),
     Option("gap", "seconds", ASKING.gap, "the pause between two requests to the same unit"),
     Option(
         "dead_after", "number", ASKING.dead_after, "requests in a row without a response that make it dead; 0: never"
@@ -68,8 +68,8 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("lifetime", "seconds", 0.0, "close a connection that is this old, between two requests; 0: never"),
         Option("broadcast", "switch", False, "send requests to unit 0 as broadcasts on this serial line"),
         Option("turnaround", "seconds", 0.1, "the pause after a broadcast"),
-        Option("queue", "number", 1024, "requests that may wait; the others get exception 06"),
-        Option("patience", "seconds", 10.0, "how long a request may wait; then it gets exception 06"),
+        Option("queue", "count", 1024, "requests that may wait; the others get exception 06"),
+        Option("patience", "time", 10.0, "how long a request may wait; then it gets exception 06"),
         *_OF_UNITS,
     ),
     "backend.unit": (
@@ -88,7 +88,7 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
         Option("broker", "broker", None, "mqtt://HOST, or mqtts://USER:PASSWORD@HOST:8883?ca=FILE", is_required=True),
         Option("site", "text", None, "the first part of all topics: barewire/SITE", is_required=True),
         Option("buffer", "text", None, "the file of readings that the broker does not have yet; default: in memory"),
-        Option("limit", "number", 100_000, "readings in the buffer; beyond it the oldest are dropped"),
+        Option("limit", "count", 100_000, "readings in the buffer; beyond it the oldest are dropped"),
         Option("retain", "switch", False, "let the broker keep each latest value for clients that subscribe later"),
         Option("home_assistant", "text", None, "the prefix of discovery in Home Assistant, usually homeassistant"),
     ),
@@ -327,8 +327,9 @@ class _Reader:
         path: Path = ("publish",)
         values = self._values("publish", table, path, ("machine",))
         prefix = values["home_assistant"]
-        if prefix is not None and ("#" in prefix or "+" in prefix):
-            self._fault((*path, "home_assistant"), f"home_assistant = {shown(prefix)}: a topic has no # and no +")
+        if prefix is not None and ({"#", "+"} & {*prefix} or prefix.strip("/") != prefix):
+            text = "expected the beginning of a topic, without #, without +, and without / at its ends"
+            self._fault((*path, "home_assistant"), f"home_assistant = {shown(prefix)}: {text}")
         folder = os.path.dirname(values["buffer"] or "") or "."
         if not os.path.isdir(folder):
             self._fault((*path, "buffer"), f"buffer = {shown(values['buffer'])}: {folder} is no directory")
@@ -385,6 +386,8 @@ class _Reader:
                     self._fault((*path, key), f"{name} has no address on {'CANopen' if is_can else 'Modbus'}")
                 elif not (parameter.readable if key == "parameters" else parameter.writable):
                     self._fault((*path, key), f"{name} cannot be {'read' if key == 'parameters' else 'written'}")
+        if any(not endpoint.seconds(key, 0.0) for key in endpoint.options if split_name(key)[0] == "timeout"):
+            self._fault((*path, "url"), "timeout=0: expected more than 0")
         if values["every"] < 0.001:
             self._fault((*path, "every"), f"every = {values['every']:g}: expected 0.001 seconds or more")
         if not values["parameters"]:
@@ -434,9 +437,6 @@ class _Reader:
         if not isinstance(of_units, dict) or not all(isinstance(unit, dict) for unit in of_units.values()):
             self._fault((*path, "unit"), "unit: expected [backend.unit.5], a table for each unit")
             of_units = {}
-        for name in ("queue", "timeout"):
-            if values[name] == 0:
-                self._fault((*path, name), f"{name} = 0: expected more than 0")
         units = {number: number for span in values["units"] or () for number in span}
         # The tables say what the URL may say too: gap of a backend is gap there, that of its unit 5 is gap.5.
         asking = {name: str(values[name]) for name in UNIT_OPTIONS if name in row}
@@ -452,8 +452,6 @@ class _Reader:
             if not 0 <= address <= 255:
                 self._fault((*place, "as"), f"as = {address}: expected a unit address, 0..255")
             units[int(key)] = address
-            if of_unit["timeout"] == 0:
-                self._fault((*place, "timeout"), "timeout = 0: expected more than 0")
             asking |= {f"{name}.{address}": str(of_unit[name]) for name in UNIT_OPTIONS if name in table}
             cache, merge = (of_unit[name] if name in table else values[name] for name in ("cache", "merge"))
             reading[address] = cache, merge
@@ -639,6 +637,12 @@ def _number(value: Any) -> int:
     return value
 
 
+def _not_zero(value: float) -> float:
+    if not value:
+        raise ValueError
+    return value
+
+
 def _switch(value: Any) -> bool:
     if not isinstance(value, bool):
         raise TypeError
@@ -732,7 +736,10 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], str, dict[str, Any]]] = {
     "texts": (lambda value: frozenset(map(_text, _list(value))), "a list of texts",
               {"type": "array", "items": {"type": "string"}}),
     "seconds": (_seconds, "0 or more seconds", {"type": "number", "minimum": 0}),
+    "time": (lambda value: _not_zero(_seconds(value)), "more than 0 seconds",
+             {"type": "number", "exclusiveMinimum": 0}),
     "number": (_number, "a whole number", {"type": "integer", "minimum": 0}),
+    "count": (lambda value: _not_zero(_number(value)), "a whole number, 1 or more", {"type": "integer", "minimum": 1}),
     "switch": (_switch, "true or false", {"type": "boolean"}),
     "units": (_units, 'unit addresses and ranges, 0 to 255, such as "1-10,20"', {"type": ["string", "integer"]}),
     "spans": (_spans, 'numbers and ranges, such as "1-10,20"', {"type": ["string", "integer"]}),

@@ -151,7 +151,7 @@ def discovery(
         else:
             kind = "number" if is_command else "sensor"
             config |= {"unit_of_measurement": parameter.unit} if parameter.unit else {}
-            config |= {"min": low, "max": high, "step": float(parameter.scale), "mode": "box"} if is_command else {}
+            config |= {"min": low, "max": high, "step": _step(parameter), "mode": "box"} if is_command else {}
     return f"{prefix}/{kind}/{identity}/config", json.dumps(config, ensure_ascii=False)
 
 
@@ -163,6 +163,11 @@ def _limits(parameter: Parameter) -> tuple[float | None, float | None]:
     low = number.minimum * parameter.scale if parameter.minimum is None else parameter.minimum
     high = number.maximum * parameter.scale if parameter.maximum is None else parameter.maximum
     return _exact(low), _exact(high)
+
+
+def _step(parameter: Parameter) -> float:
+    """Return between which values a number can be typed. Home Assistant takes no step below 0.001."""
+    return 0.001 if codec(parameter.type).is_float else max(0.001, float(parameter.scale))
 
 
 def _exact(limit: float | Fraction) -> float:
