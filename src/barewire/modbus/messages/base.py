@@ -174,13 +174,31 @@ def check_range(name: str, value: int, low: int, high: int, message: Message | N
 def check_list(name: str, values: object, expected: str) -> None:
     """Raise EncodeError unless `values` has a length and an order, and is not text or bytes, whose items are numbers
     too. An iterator has no length: it may be endless."""
-    if isinstance(values, _NOT_LISTS) or not hasattr(values, "__len__"):
+    if not isinstance(values, (tuple, list)) and (isinstance(values, _NOT_LISTS) or not hasattr(values, "__len__")):
         raise EncodeError(f"{name} = {shown(values)}: expected a list of {expected}", name)
 
 
 def check_registers(values: object) -> None:
     """Raise EncodeError unless `values` may be registers; the numbers are checked when they are encoded."""
     check_list("registers", values, "whole numbers in 0..65535")
+
+
+def check_groups(name: str, groups: Any, size: int, expected: str) -> list[tuple[Any, ...]]:
+    """Return the groups as tuples. Raises EncodeError unless each has so many values."""
+    try:
+        rows = list(map(tuple, groups))
+    except TypeError:  # something in it is no group
+        rows = [()]
+    if any(len(row) != size for row in rows):
+        raise EncodeError(f"{name} = {shown(groups)}: expected a list of {expected}", name)
+    return rows
+
+
+def check_bytes(name: str, data: Any) -> bytes:
+    """Return the data as bytes, so that a message with them does not change. Raises EncodeError for anything else."""
+    if not isinstance(data, (bytes, bytearray, memoryview)):
+        raise EncodeError(f"{name} = {shown(data)}: expected bytes", name)
+    return bytes(data)
 
 
 def checked(pdu: bytes) -> bytes:

@@ -29,7 +29,7 @@ from typing import Any, ClassVar, Literal, Self
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.exceptions import ModbusException
-from barewire.modbus.messages.base import EXCEPTION_BIT, Request, Response, check_range
+from barewire.modbus.messages.base import EXCEPTION_BIT, Request, Response, check_bytes, check_range
 
 MEI_CANOPEN = 0x0D
 EXTENDED = 0xFF
@@ -124,7 +124,7 @@ def _dialect(pdu: bytes) -> ReferenceDialect:
 
 
 def _check(message: CanopenReference | CanopenReferenceResponse) -> None:
-    if message.dialect not in _LAYOUTS:
+    if message.dialect not in list(_LAYOUTS):  # it may have no hash
         raise EncodeError(f"dialect {message.dialect!r}: expected one of {', '.join(_LAYOUTS)}", "dialect")
     check_range("node", message.node, 1, 127)
     check_range("index", message.index, 0, 0xFFFF)
@@ -132,6 +132,7 @@ def _check(message: CanopenReference | CanopenReferenceResponse) -> None:
     check_range("start", message.start, 0, 0xFFFF)
     check_range("count", message.count, 0, 0xFFFF)
     size = _LAYOUTS[message.dialect].size
+    object.__setattr__(message, "data", check_bytes("data", message.data))
     check_range("data length", len(message.data), 0, 253 - size)
 
 
@@ -274,6 +275,7 @@ class CanopenReference(Request[CanopenReferenceResponse]):
         cls, node: int, index: int, sub_index: int, data: bytes, *, dialect: ReferenceDialect = "cia309"
     ) -> Self:
         """Make the request to write `data`, in the byte order of the device."""
+        data = check_bytes("data", data)
         return cls(node, index, sub_index, count=len(data), data=data, write=True, dialect=dialect)
 
     def encode(self) -> bytes:

@@ -71,6 +71,7 @@ class ReadCoilsResponse(Response):
     layout: ClassVar[Layout] = Layout(">BB", "function_code", "byte_count", tail="coils", count="byte_count")
 
     def __post_init__(self) -> None:
+        check_list("bits", self.bits, "True and False")
         check_range("quantity", len(self.bits), 1, READ_COILS_LIMIT)
 
     def encode(self) -> bytes:

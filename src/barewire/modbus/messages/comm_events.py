@@ -16,7 +16,7 @@ from typing import ClassVar, Self
 
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError
-from barewire.modbus.messages.base import Request, Response, check_range
+from barewire.modbus.messages.base import Request, Response, check_bytes, check_range
 
 EVENT_LIMIT = 64
 """The most events in a log."""
@@ -134,6 +134,7 @@ class GetCommEventLogResponse(Response):
     def __post_init__(self) -> None:
         for name in ("status", "event_count", "message_count"):
             check_range(name, getattr(self, name), 0, 0xFFFF)
+        object.__setattr__(self, "events", check_bytes("events", self.events))
         check_range("events", len(self.events), 0, EVENT_LIMIT)
 
     def texts(self) -> list[str]:

@@ -11,7 +11,7 @@ from typing import Any, ClassVar
 
 from barewire.codecs import Field, Layout
 from barewire.errors import EncodeError
-from barewire.modbus.messages.base import Request, Response, check_range
+from barewire.modbus.messages.base import Request, Response, check_bytes, check_range
 
 
 @dataclass(frozen=True, slots=True)
@@ -140,6 +140,7 @@ class DiagnosticsResponse(Response):
     layout: ClassVar[Layout] = Layout(">BH", "function_code", "sub_function", tail="data")
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "data", check_bytes("data", self.data))
         _check_diagnostics(self.sub_function, self.data)
 
     @property
@@ -200,6 +201,7 @@ class Diagnostics(Request[DiagnosticsResponse]):
     response: ClassVar[type[Response]] = DiagnosticsResponse
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "data", check_bytes("data", self.data))
         _check_diagnostics(self.sub_function, self.data)
         _check_asked(self.sub_function, self.data)
 

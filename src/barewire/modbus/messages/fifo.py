@@ -7,7 +7,7 @@ from typing import ClassVar, Self
 
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError
-from barewire.modbus.messages.base import Request, Response, check_range
+from barewire.modbus.messages.base import Request, Response, check_range, check_registers
 from barewire.modbus.messages.registers import register_fields
 
 FIFO_LIMIT = 31
@@ -33,6 +33,7 @@ class ReadFifoQueueResponse(Response):
     layout: ClassVar[Layout] = Layout(">BHH", "function_code", "byte_count", "fifo_count", tail="registers")
 
     def __post_init__(self) -> None:
+        check_registers(self.registers)
         check_range("fifo_count", len(self.registers), 0, FIFO_LIMIT)
 
     def encode(self) -> bytes:

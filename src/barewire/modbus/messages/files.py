@@ -6,7 +6,7 @@ group begins with the reference type 06.
 
 from __future__ import annotations
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 from operator import index
 from typing import Any, ClassVar, NamedTuple, Self
@@ -14,7 +14,16 @@ from typing import Any, ClassVar, NamedTuple, Self
 from barewire.codecs import Field, Layout, from_registers, to_registers
 from barewire.errors import DecodeError, EncodeError
 from barewire.modbus.exceptions import ILLEGAL_DATA_ADDRESS, ILLEGAL_DATA_VALUE
-from barewire.modbus.messages.base import Message, R, Request, Response, check_range, check_registers
+from barewire.modbus.messages.base import (
+    Message,
+    R,
+    Request,
+    Response,
+    check_groups,
+    check_list,
+    check_range,
+    check_registers,
+)
 from barewire.modbus.messages.registers import register_rows
 
 _REFERENCE_TYPE = 6
@@ -85,6 +94,9 @@ class ReadFileRecordResponse(Response):
     layout: ClassVar[Layout] = Layout(">BB", "function_code", "byte_count", tail="records", count="byte_count")
 
     def __post_init__(self) -> None:
+        check_list("records", self.records, "lists of registers")
+        for registers in self.records:
+            check_registers(registers)
         object.__setattr__(self, "records", tuple(map(tuple, self.records)))
         check_range("byte_count", sum(2 + 2 * len(registers) for registers in self.records), 4, _BYTES_LIMIT)
         for registers in self.records:
@@ -144,7 +156,8 @@ class ReadFileRecord(_FileRequest[ReadFileRecordResponse]):
     response: ClassVar[type[Response]] = ReadFileRecordResponse
 
     def __post_init__(self) -> None:
-        object.__setattr__(self, "places", tuple(RecordPlace(*place) for place in self.places))
+        places = check_groups("places", self.places, 3, "(file, record, length)")
+        object.__setattr__(self, "places", tuple(RecordPlace(*place) for place in places))
         check_range("byte_count", _PLACE.size * len(self.places), _PLACE.size, _READ_LIMIT)
         for place in self.places:
             _check_place(*place)
@@ -186,13 +199,13 @@ class ReadFileRecord(_FileRequest[ReadFileRecordResponse]):
         return fields
 
 
-def _records(records: Iterable[Sequence[Any]]) -> tuple[FileRecord, ...]:
+def _records(records: Any) -> tuple[FileRecord, ...]:
     """Return the groups as `FileRecord`, after checking each."""
-    records = list(records)
-    for _, _, registers in records:
+    groups = check_groups("records", records, 3, "(file, record, registers)")
+    for _, _, registers in groups:
         check_registers(registers)
         from_registers(registers)  # raises EncodeError for a value outside 0..65535
-    checked = tuple(FileRecord(file, record, tuple(map(index, registers))) for file, record, registers in records)
+    checked = tuple(FileRecord(file, record, tuple(map(index, registers))) for file, record, registers in groups)
     for group in checked:
         _check_place(group.file, group.record, len(group.registers))
     check_range("byte_count", sum(_PLACE.size + 2 * len(group.registers) for group in checked), 9, _BYTES_LIMIT)

@@ -8,7 +8,7 @@ from typing import Any, ClassVar, Self
 
 from barewire.codecs import Field, Layout
 from barewire.errors import DecodeError, EncodeError
-from barewire.modbus.messages.base import Request, Response, check_range, checked
+from barewire.modbus.messages.base import Request, Response, check_bytes, check_groups, check_range, checked
 
 MEI_DEVICE_IDENTIFICATION = 0x0E
 OBJECT_LIMIT = 244
@@ -56,6 +56,7 @@ class ReportServerIdResponse(Response):
     layout: ClassVar[Layout] = Layout(">BB", "function_code", "byte_count", tail="data", count="byte_count")
 
     def __post_init__(self) -> None:
+        object.__setattr__(self, "data", check_bytes("data", self.data))
         check_range("byte_count", len(self.data), 0, 251)
 
     def encode(self) -> bytes:
@@ -118,7 +119,10 @@ class ReadDeviceIdentificationResponse(Response):
         check_range("read_code", self.read_code, BASIC, INDIVIDUAL)
         check_range("conformity", self.conformity, 0, 0xFF)
         check_range("next_object", self.next_object, 0, 0xFF)
-        for object_id, value in self.objects:
+        groups = check_groups("objects", self.objects, 2, "(object_id, value)")
+        objects = tuple((object_id, check_bytes("value", value)) for object_id, value in groups)
+        object.__setattr__(self, "objects", objects)
+        for object_id, value in objects:
             check_range("object_id", object_id, 0, 0xFF)
             if len(value) > OBJECT_LIMIT:
                 text = f"object {object_id:02X}h has {len(value)} bytes: more than {OBJECT_LIMIT} never fit a PDU"

@@ -60,7 +60,8 @@ class RawRequest(Request[RawResponse]):
     (False, True)
 
     Unless the function is known, `writes` is True: the request may change something, so it is never repeated by
-    itself. Raises EncodeError for a PDU that does not have 1 to 253 bytes, or whose function code has bit 7 set.
+    itself. Raises EncodeError for a PDU that does not have 1 to 253 bytes, or whose function code has bit 7 set. 00 is
+    not valid [MB-APP 4.1], but a gateway passes it on, and the unit declines it.
     """
 
     pdu: bytes
@@ -73,7 +74,7 @@ class RawRequest(Request[RawResponse]):
     def __post_init__(self) -> None:
         checked(self.pdu)
         if self.pdu[0] & EXCEPTION_BIT:
-            raise EncodeError(f"function code {self.pdu[0]:02X}h: a request has 01h..7Fh", "pdu")
+            raise EncodeError(f"function code {self.pdu[0]:02X}h: a request has 00h..7Fh", "pdu")
         message = request_class(self.pdu)
         known: AnyRequest | None = None
         if message is not None:

@@ -61,6 +61,7 @@ class ReadHoldingRegistersResponse(Response):
     layout: ClassVar[Layout] = _ROW
 
     def __post_init__(self) -> None:
+        check_registers(self.registers)
         check_range("quantity", len(self.registers), 1, READ_REGISTERS_LIMIT)
 
     def encode(self) -> bytes:
