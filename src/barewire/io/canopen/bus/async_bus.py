@@ -439,7 +439,7 @@ class AsyncRunning(RunningMachine):
     async def _serve(self) -> None:
         driver, clock = self._driver, time.monotonic
         with self._subscriber:
-            frames = driver.start(clock())
+            frames, count = driver.start(clock()), 0
             while True:
                 for frame in frames:
                     await self._send(frame)
@@ -450,7 +450,9 @@ class AsyncRunning(RunningMachine):
                 item = None if arrived is None else arrived.item
                 self.statistics.count(item)
                 frames = driver.feed(item, clock())
-                await asyncio.sleep(0)  # a machine that is always due must not keep other tasks waiting
+                count = 0 if item is None else (count + 1) % _BURST
+                if not count:
+                    await asyncio.sleep(0)  # a machine that is always due must not keep other tasks waiting
 
     async def _send(self, frame: CanFrame) -> None:
         try:
