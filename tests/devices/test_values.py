@@ -14,6 +14,7 @@ import pytest
 
 from barewire.codecs import codec
 from barewire.devices import Parameter, Reading, load
+from barewire.devices.parameter import show
 from barewire.devices.request_checks import to_write
 from barewire.errors import EncodeError
 from tests.helpers import refused
@@ -145,3 +146,17 @@ def test_the_text_of_a_scaled_integer_or_a_64_bit_float_has_every_digit() -> Non
             assert (Decimal(text), len(text) < 20) == (Decimal(raw).scaleb(-digits), True)
     assert energy.text(654321.01) == "654321.01 kWh"
     assert [Parameter("Energy", "f64").text(value) for value in (12345679.91, 3e7)] == ["12345679.91", "30000000"]
+
+
+def test_a_float_is_a_step_of_a_scaled_integer_where_it_tells_them_apart_and_is_refused_elsewhere() -> None:
+    dice = random.Random(6)
+    energy = Parameter("Energy", "i64", unit="kWh", scale=Fraction(1, 10))
+    for raw in (dice.randrange(1 << dice.randrange(1, 50)) for _ in range(2000)):
+        assert energy.to_raw(energy.from_raw(raw)) == raw
+    assert energy.to_raw(70368744177663.9) == 703687441776639
+    with refused(EncodeError, "Energy = 70368744177663.94: it goes in steps of 0.1 kWh"):
+        energy.to_raw(70368744177663.94)
+    for value in (900719925474099.3, 500000000000000000.5):
+        with refused(EncodeError, f"Energy = {show(value)}: no float tells its steps of 0.1 kWh apart here"):
+            energy.to_raw(value)
+    assert energy.to_raw(500000000000000000) == 5000000000000000000

@@ -19,6 +19,7 @@ from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
 from functools import cache
+from math import ulp
 from typing import TYPE_CHECKING, Any, Literal, NamedTuple
 
 from barewire._html import html_table
@@ -204,12 +205,14 @@ class Parameter:
             raise EncodeError(f"{self.name} = {shown(value)}: expected a finite number", self.name)
         exact = Fraction(value) / self.scale
         raw = round(exact)
-        # A decimal such as 27.2 has no exact binary form: a difference below a thousandth of a step is rounded off.
-        if abs(exact - raw) > Fraction(1, 1000):
-            step = show(float(self.scale))
-            raise EncodeError(
-                f"{self.name} = {show(value)}: it goes in steps of {step} {self.unit}".rstrip(), self.name
-            )
+        # A decimal such as 27.2 has no exact binary form: what a float rounds is no difference, and neither is a
+        # thousandth of a step.
+        rounding = Fraction(ulp(value)) / abs(self.scale) / 2 if isinstance(value, float) else Fraction(0)
+        step = f"{show(float(self.scale))} {self.unit}".rstrip()
+        if rounding >= Fraction(1, 2):
+            raise EncodeError(f"{self.name} = {show(value)}: no float tells its steps of {step} apart here", self.name)
+        if abs(exact - raw) > max(rounding, Fraction(1, 1000)):
+            raise EncodeError(f"{self.name} = {show(value)}: it goes in steps of {step}", self.name)
         return raw
 
     def from_raw(self, raw: Value) -> Value:

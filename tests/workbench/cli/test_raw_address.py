@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 from dataclasses import replace
+from fractions import Fraction
 
 import pytest
 
 from barewire.codecs import Value
 from barewire.conversation import play
-from barewire.devices import ModbusAt, ObjectAt, UnknownName, read_modbus, write_modbus
+from barewire.devices import ModbusAt, ObjectAt, Parameter, UnknownName, read_modbus, write_modbus
 from barewire.errors import EncodeError
 from barewire.modbus import Bus, Server, Table
 from barewire.tcp import TcpLine
@@ -188,3 +189,14 @@ def test_addresses_beside_names_have_the_same_order() -> None:
     place = machine.find("holding:100:f32").modbus
     assert place is not None
     assert place.order == "ABCD"
+
+
+@pytest.mark.parametrize("scale", [Fraction(1), Fraction(1, 10)])
+def test_digits_that_a_float_would_round_off_are_refused(scale: Fraction) -> None:
+    energy = Parameter("Energy", "i64", scale=scale)
+    for text in ("500000000000000000.5", "1.00000000000000000001", "1e-400"):
+        with refused(EncodeError, f"Energy = '{text}': a float cannot hold these digits"):
+            parse_value(energy, text)
+    whole = {"5e17": 5 * 10**17, "9007199254740993.0": 9007199254740993, "3.0": 3}
+    assert {text: parse_value(energy, text) for text in whole} == whole
+    assert parse_value(Parameter("Energy", "f64"), "1.00000000000000000001") == 1.0

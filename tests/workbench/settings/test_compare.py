@@ -32,6 +32,7 @@ def test_values_units_and_what_one_side_has_alone() -> None:
         ("f32", Fraction(1), [(0.2, 0.20000000298023224, True), (0.2, 0.2000001, False), (0.2, "0.2", False)]),
         ("f64", Fraction(1), [(300000.125, 300000.12, False)]),
         ("u32", Fraction(1, 1000), [(300000.125, 300000.12, False), (429496729.5, 429496705.0, False)]),
+        ("u16", Fraction(1, 3), [(0.33333, 1 / 3, True), (0.33333, 2 / 3, False)]),
     ],
 )
 def test_values_are_compared_as_they_are_on_the_wire(

@@ -15,6 +15,7 @@ from __future__ import annotations
 import math
 import re
 from datetime import datetime
+from decimal import Decimal
 
 from barewire.canopen.datatypes import TimeOfDay
 from barewire.codecs import Value
@@ -51,6 +52,8 @@ def parse_value(parameter: Parameter, text: str) -> Value:
         number = _number(text.strip())
         if number is None:
             raise no_name from None
+        if isinstance(number, float) and math.isfinite(number) and parameter.type not in ("f32", "f64"):
+            number = _exact(parameter, number, text.strip())
     return bool(number) if parameter.type == "bool" and number in (0, 1) else number
 
 
@@ -70,6 +73,21 @@ def _of_dictionary(parameter: Parameter, text: str) -> Value:
     except ValueError:
         expected = _FORMS[parameter.type]
         raise EncodeError(f"{parameter.name} = {shown(text)}: expected {expected}", parameter.name) from None
+
+
+def _exact(parameter: Parameter, number: float, text: str) -> int | float:
+    """Return the number of a parameter that counts steps: a whole one as an integer, which a float may round.
+
+    Raises EncodeError for one that is whole only because the float has rounded it."""
+    try:
+        exact = Decimal(text)
+    except ArithmeticError:
+        exact = Decimal("nan")
+    if exact == exact.to_integral_value():
+        return int(exact)
+    if number.is_integer():
+        raise EncodeError(f"{parameter.name} = {shown(text)}: a float cannot hold these digits", parameter.name)
+    return number
 
 
 def _number(text: str) -> int | float | None:

@@ -20,6 +20,7 @@ from barewire.devices import Device, Parameter, Reading, UnknownName
 from barewire.errors import DecodeError, EncodeError, NoAnswer, Refused, shown, suggest
 from barewire.io.endpoint import Endpoint
 from barewire.io.machine import MachineClient
+from barewire_workbench.settings.compare import same_setting
 from barewire_workbench.value_log.sample import plain_value
 
 _BLOCK = 64
@@ -44,8 +45,10 @@ class ReadValue(NamedTuple):
     def __str__(self) -> str:
         if self.reading is None:
             return f"{self.parameter.name}: not read: {self.problem}"
-        differs = self.configured is not None and self.configured != self.reading.value
-        return f"{self.reading}" + (f"; the DCF has {self.parameter.text(self.configured or 0)}" if differs else "")
+        wanted = self.configured
+        if wanted is None or same_setting(self.parameter, wanted, self.reading.value):
+            return str(self.reading)
+        return f"{self.reading}; the DCF has {self.parameter.text(wanted)}"
 
     def as_dict(self) -> dict[str, object]:
         """The value, for JSON and CSV."""

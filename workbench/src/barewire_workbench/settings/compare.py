@@ -55,10 +55,12 @@ def same_setting(parameter: Parameter, first: Value, second: Value) -> bool:
     if same(first, second):
         return True
     numbers = not isinstance(first, (str, bytes)) and not isinstance(second, (str, bytes))
-    if not numbers or parameter.type not in ("f32", "f64"):
+    if not numbers:
         return False
     try:
-        raw = [codec(parameter.type).encode(parameter.to_raw(value)) for value in (first, second)]
+        raw = [parameter.to_raw(value) for value in (first, second)]
+        if parameter.type in ("f32", "f64"):
+            raw = [codec(parameter.type).encode(number) for number in raw]
     except EncodeError:  # one of them is out of range
         return False
     return raw[0] == raw[1]
