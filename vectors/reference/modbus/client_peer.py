@@ -3,7 +3,7 @@
 peer = ClientPeer(case)
 peer.begin(0)                     the user asks the first question
 peer.hear(frame, now)             the client has sent this frame; times are integer microseconds
-peer.coming                       [(time, bytes)]: what the client receives, sorted by time
+peer.coming                       [(time, bytes)]: what the client receives, sorted by time; one piece for each time
 peer.end(0)                       the question has its outcome
 """
 
@@ -79,8 +79,8 @@ class ClientPeer:
         return next(self.probes, {})
 
     def receive(self, at, data):
-        self.coming.append((at, data))
-        self.coming.sort()
+        at_once = [piece for when, piece in self.coming if when == at]
+        self.coming = sorted([one for one in self.coming if one[0] != at] + [(at, b"".join((*at_once, data)))])
 
 
 class Unit:

@@ -31,8 +31,8 @@ export class RtuReceiver {
     const { character, t15, t35 } = silences(baud, bits);
     this.character = character / 1000;
     this.strict = patience === null;
-    this.longest = this.strict ? t15 / 1000 : patience;
-    this.silence = this.strict ? t35 / 1000 : patience;
+    this.silence = Math.max(t35 / 1000, patience ?? 0); // at a low rate t3.5 is longer than the patience
+    this.longest = this.strict ? t15 / 1000 : this.silence;
     this.role = role;
     this.units = units;
     this.held = [];

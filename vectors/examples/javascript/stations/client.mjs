@@ -8,10 +8,19 @@ import { SerialClient, TcpClient } from './clients.mjs';
 function run({ line, units, probes, ask }) {
   const clock = new Clock();
   const questions = ask.map((one) => ({ ...one, fates: [...(one.fates ?? [])], open: false, seen: 0, outcome: null }));
-  let connection = 0;
+  let connection = new Map(); // time -> what comes then: one piece
   const deliver = (bytes, at) => {
     const mine = connection;
-    clock.at(at, () => mine === connection && client.receive(bytes));
+    if (mine.has(at)) {
+      mine.get(at).push(...bytes);
+      return;
+    }
+    mine.set(at, [...bytes]);
+    clock.at(at, () => {
+      const piece = mine.get(at);
+      mine.delete(at);
+      if (mine === connection) client.receive(piece);
+    });
   };
   const peer = new Peer({ line, units, probes }, questions, deliver);
   const send = (frame, end) => {
@@ -20,7 +29,7 @@ function run({ line, units, probes, ask }) {
   };
   const client =
     line.framing === 'tcp'
-      ? new TcpClient(line, clock, send, () => (connection += 1))
+      ? new TcpClient(line, clock, send, () => (connection = new Map()))
       : new SerialClient(line, clock, send);
 
   const waiting = [...questions];

@@ -17,7 +17,7 @@ without barewire.
 
 from __future__ import annotations
 
-from bisect import insort
+from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -226,7 +226,7 @@ class ClientPeer:
         unit, pdu, number = adu.unit, adu.pdu, adu.transaction or 0
         fate = self._fate(unit, pdu)
         if fate.get("echo"):
-            insort(self.coming, (now, frame))
+            self._say(now, frame)
         if fate.get("lost") == "request":
             return
         if unit == 0 and self.framing != "tcp":
@@ -243,7 +243,7 @@ class ClientPeer:
         if self.framing != "tcp":
             at = max(at, self._answered_at.get(unit, 0) + APART)
         for item in fate.get("before", ()):
-            insort(self.coming, (at, self._before(item, number)))
+            self._say(at, self._before(item, number))
             at += BETWEEN
         data = self._frame(fate.get("unit", unit), answer, number ^ fate.get("number", 0))
         if "damage" in fate:
@@ -256,14 +256,23 @@ class ClientPeer:
         self._answered_at[unit] = self._send(data * (1 + again.count(0) if again else 1), at, fate)
         for later in again:
             if later:
-                insort(self.coming, (at + later, data))
+                self._say(at + later, data)
+
+    def _say(self, at: int, data: bytes) -> None:
+        """Put bytes among what comes: what the client receives at one time is one piece."""
+        place = bisect_left(self.coming, (at, b""))
+        same = self.coming[place : place + 1]
+        if same and same[0][0] == at:
+            self.coming[place] = at, same[0][1] + data
+        else:
+            self.coming.insert(place, (at, data))
 
     def _send(self, data: bytes, at: int, fate: Fields) -> int:
         """Put an answer among what comes, in one or several pieces; return the time of the last one."""
         for size in fate.get("pieces", ()):
-            insort(self.coming, (at, data[:size]))
+            self._say(at, data[:size])
             data, at = data[size:], at + fate["pause"]
-        insort(self.coming, (at, data))
+        self._say(at, data)
         return at
 
     def _fate(self, unit: int, pdu: bytes) -> Fields:
