@@ -530,6 +530,30 @@ def test_a_broker_that_takes_no_readings_is_tried_less_often(
     assert pauses()[:4] == ["0.01 s", "0.02 s", "0.04 s", "0.04 s"]
 
 
+def test_an_outcome_that_the_broker_did_not_take_is_sent_again(site: Site, monkeypatch: pytest.MonkeyPatch) -> None:
+    results: list[object] = []
+
+    class LosesTheFirst(_KeepsCancellation):
+        async def publish(self, *given: object, **_: object) -> None:
+            if str(given[0]).endswith("/result"):
+                results.append(given[1])
+                if len(results) == 1:
+                    raise aiomqtt.MqttError("the connection was lost")
+
+    monkeypatch.setattr("barewire.gateway.publish.publisher._PAUSES", (0.01, 0.01))
+    monkeypatch.setattr(aiomqtt, "Client", lambda *_, **__: LosesTheFirst(""))
+
+    async def main() -> None:
+        async with Gateway(read_config(site.config())) as gateway, asyncio.timeout(WAIT):
+            assert gateway.publisher is not None
+            gateway.publisher._take_command("barewire/hall_1/meter/ratio", b"200")
+            while len(results) < 2:
+                await asyncio.sleep(0.01)
+
+    asyncio.run(main())
+    assert results == [json.dumps({"value": 200, "ok": True})] * 2
+
+
 @pytest.mark.needs("mosquitto")
 def test_values_are_published_with_birth_description_and_discovery(site: Site) -> None:
     async def act(listener: Listener, client: aiomqtt.Client) -> None:
