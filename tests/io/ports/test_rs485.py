@@ -11,6 +11,7 @@ import serial
 
 from barewire import AsyncModbusClient, AsyncModbusServer, ModbusClient, ModbusServer
 from barewire.errors import EncodeError, PortError
+from barewire.io.ports.descriptor import SharedDescriptor
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.modbus import Table, WriteSingleRegister
 from tests.helpers import refused
@@ -33,10 +34,6 @@ class Turned(serial.Serial):
     def _update_rts_state(self) -> None:
         """A pseudo-terminal has no RTS."""
 
-    def write(self, data: Any) -> int | None:
-        self.log.append("write")
-        return super().write(data)
-
     def flush(self) -> None:
         self.log.append("flush")
         super().flush()
@@ -47,6 +44,13 @@ def log(monkeypatch: pytest.MonkeyPatch) -> list[Any]:
     written: list[Any] = []
     monkeypatch.setattr(Turned, "log", written, raising=False)
     monkeypatch.setattr("barewire.io.ports.serial.serial.Serial", Turned)
+
+    class Written(SharedDescriptor):
+        def write(self, item: bytes, timeout: float) -> bool:
+            written.append("write")
+            return super().write(item, timeout)
+
+    monkeypatch.setattr("barewire.io.ports.serial.SharedDescriptor", Written)
     return written
 
 

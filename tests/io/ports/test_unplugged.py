@@ -15,7 +15,7 @@ from barewire import AsyncModbusClient
 from barewire.canopen import CanFrame
 from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint
-from barewire.io.ports import serial
+from barewire.io.ports import descriptor
 from barewire.io.ports.can.python_can import CanPort
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.io.ports.serial import SerialPort
@@ -43,11 +43,8 @@ def test_an_adapter_that_was_unplugged_is_called_that(
     try:
         port = SerialPort.of(Endpoint.parse(f"rtu://{terminal.path}"))
         port._is_pseudo_terminal = False
-        if method == "read":
-            monkeypatch.setattr(serial, "os", SimpleNamespace(read=failing(number), strerror=os.strerror))
-        else:
-            monkeypatch.setattr(port._serial, method, failing(number))
         terminal.send(b"x")
+        monkeypatch.setattr(descriptor, "os", SimpleNamespace(**{method: failing(number)}))
         with refused(PortError, f"{terminal.path}: the device is gone: was the adapter unplugged?"):
             if method == "read":
                 port.receive(30.0)

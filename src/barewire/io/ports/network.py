@@ -8,6 +8,7 @@ import os
 import select
 import socket
 import struct
+import sys
 from collections.abc import Callable
 from typing import Any
 
@@ -129,6 +130,7 @@ class UdpPort:
             self._socket.connect(address)
         except OSError as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
+        self._is_ready = readiness(self._socket)
 
     def send(self, item: bytes) -> None:
         """Send one datagram."""
@@ -140,8 +142,7 @@ class UdpPort:
     def receive(self, timeout: float) -> bytes | None:
         """Return the next datagram, or None after `timeout` seconds. Raises PortError if the peer's port is closed."""
         try:
-            ready, _, _ = select.select([self._socket], [], [], min(timeout, LONGEST_WAIT))
-            return self._socket.recv(CHUNK) if ready else None
+            return self._socket.recv(CHUNK) if self._is_ready(timeout) else None
         except (OSError, ValueError) as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
 
@@ -150,15 +151,23 @@ class UdpPort:
         self._socket.close()
 
 
-def readiness(connection: socket.socket) -> Callable[[float], object]:
-    """Return a function that waits for so many seconds until there are bytes to read, and returns whether there are.
+def readiness(*files: socket.socket | int, room_in: int | None = None) -> Callable[[float], object]:
+    """Return a function that waits for so many seconds until there are bytes to read, or room in `room_in`, and returns
+    whether there are.
 
     It uses `poll` if the system has it: `poll` is faster than `select`, which also fails for files above number 1023.
+    The `poll` of macOS does not know terminals, whose descriptors are passed by number.
     """
-    if not hasattr(select, "poll"):  # pragma: no cover - Windows
-        return lambda timeout: select.select([connection], [], [], min(timeout, LONGEST_WAIT))[0]
+    writes = [] if room_in is None else [room_in]
+    if not hasattr(select, "poll") or (
+        sys.platform == "darwin" and any(isinstance(file, int) for file in (*files, *writes))
+    ):
+        return lambda timeout: any(select.select(files, writes, [], min(timeout, LONGEST_WAIT)))  # pragma: no cover
     watched = select.poll()
-    watched.register(connection, select.POLLIN)
+    for file in files:
+        watched.register(file, select.POLLIN)
+    for number in writes:
+        watched.register(number, select.POLLOUT)
     poll = watched.poll
     return lambda timeout: poll(1e3 * min(timeout, LONGEST_WAIT) if timeout else 0)
 
@@ -219,7 +228,7 @@ UNPLUGGED = {errno.EIO, errno.ENODEV, errno.ENXIO}
 
 def reason(error: Exception) -> str:
     """Return the system's text of an error, in lower case and without its number: 'connection refused'."""
-    if isinstance(error, ValueError):
+    if isinstance(error, ValueError) or (isinstance(error, OSError) and error.errno == errno.EBADF):
         return "the port was closed"  # a descriptor of -1: another thread closed it meanwhile
     text = (error.strerror if isinstance(error, OSError) else "") or str(error) or type(error).__name__
     # asyncio writes the address into the text, in words that change between versions: the system's own text instead.

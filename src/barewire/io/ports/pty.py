@@ -10,7 +10,6 @@ from __future__ import annotations
 
 import contextlib
 import os
-import select
 import stat
 import struct
 import sys
@@ -18,7 +17,8 @@ import time
 from pathlib import Path
 
 from barewire.errors import PortError
-from barewire.io.ports.network import CHUNK, LONGEST_WAIT, reason
+from barewire.io.ports.descriptor import SharedDescriptor
+from barewire.io.ports.network import reason
 from barewire.rtu.frame import Timing
 
 _SLAVE_MAJORS = range(136, 144)
@@ -47,8 +47,8 @@ class PseudoTerminal:
         if self._link is not None and self._link.is_symlink() and not self._link.exists():
             _remove_stale(self._link)
         # The other end stays open here too: otherwise the line fails whenever a client closes it.
-        self._ours, self._kept = os.openpty()
-        self._ends: tuple[int, ...] = (self._ours, self._kept)
+        ours, self._kept = os.openpty()
+        self._file = SharedDescriptor(ours, lambda: self._close_ends(ours))
         tty.setraw(self._kept)
         self.path = os.ttyname(self._kept)
         if self._link is not None:
@@ -66,26 +66,21 @@ class PseudoTerminal:
         if self._pace:
             time.sleep(self._pace.duration(len(item)))
         try:
-            unsent = memoryview(item)
-            while unsent:
-                # The buffer of the system is finite: bytes that are not read at the other end are lost.
-                if not select.select([], [self._ours], [], 1.0)[1]:
-                    break
-                unsent = unsent[os.write(self._ours, unsent) :]
+            # The buffer of the system is finite: bytes that are not read at the other end are lost.
+            self._file.write(item, 1.0)
         except OSError as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
 
     def receive(self, timeout: float) -> bytes | None:
         """Return received bytes, or None after `timeout` seconds."""
         try:
-            ready, _, _ = select.select([self._ours], [], [], min(timeout, LONGEST_WAIT))
-            return os.read(self._ours, CHUNK) if ready else None
+            return self._file.read(timeout)
         except OSError as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
 
     def fileno(self) -> int:
         """Return the descriptor of this end, for an event loop."""
-        return self._ours
+        return self._file.fileno()
 
     def close(self) -> None:
         """Close both ends and remove the link, unless there is something else at its path by now."""
@@ -94,8 +89,10 @@ class PseudoTerminal:
         with contextlib.suppress(OSError):  # gone, not a link, or its folder is gone
             if link is not None and os.readlink(link) == self.path:
                 link.unlink()
-        ends, self._ends = self._ends, ()
-        for end in ends:
+        self._file.close()
+
+    def _close_ends(self, ours: int) -> None:
+        for end in (ours, self._kept):
             with contextlib.suppress(OSError):
                 os.close(end)
 

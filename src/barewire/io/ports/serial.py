@@ -6,14 +6,14 @@ import contextlib
 import errno
 import os
 import re
-import select
 import sys
 import time
 from typing import NamedTuple
 
 from barewire.errors import EncodeError, PortError
 from barewire.io.endpoint import DEFAULT_BAUDRATE, PSEUDO_TERMINAL, Endpoint, SetDirection
-from barewire.io.ports.network import CHUNK, LONGEST_WAIT, UNPLUGGED, reason
+from barewire.io.ports.descriptor import SharedDescriptor
+from barewire.io.ports.network import LONGEST_WAIT, UNPLUGGED, reason
 from barewire.io.ports.pty import check_not_foreign, check_not_served, is_pseudo_terminal
 from barewire.rtu.frame import Timing, character_bits
 
@@ -31,6 +31,10 @@ if sys.platform != "win32":
     import termios
 
     _FAILURES += (termios.error,)
+
+
+_WRITE_TIMEOUT = 5.0
+"""Seconds after which a write ends for which there is no room."""
 
 
 class SerialSettings(NamedTuple):
@@ -91,6 +95,15 @@ class SerialPort:
         self._turns = self._rts or set_direction is not None  # this port sets the direction of the line
         self._sending = False
         self._serial = _open(path, settings)
+        # Not by pyserial: each change of its time-out configures the port again, its `read` waits for more bytes after
+        # the first ones, and its `write` waits by `select`, which fails for files above number 1023.
+        self._file: SharedDescriptor | None = None  # on Windows a port has no descriptor
+        try:
+            if sys.platform != "win32":
+                self._file = SharedDescriptor(self._serial.fileno(), self._serial.close)
+        except _FAILURES as error:
+            self.close()
+            raise PortError(f"{path}: {_text(error)}") from None
         try:
             if rs485 == "kernel":
                 self._serial.rs485_mode = RS485Settings()
@@ -149,8 +162,7 @@ class SerialPort:
             if self._turns:
                 self._send_and_turn(item)
             else:
-                self._serial.write(item)
-                self._serial.flush()
+                self._write(item)
         except PortError:
             raise
         except _FAILURES as error:
@@ -160,10 +172,16 @@ class SerialPort:
     def _send_and_turn(self, item: bytes) -> None:
         self.set_direction(sending=True)
         try:
-            self._serial.write(item)
-            self._serial.flush()
+            self._write(item)
         finally:
             self.set_direction(sending=False)
+
+    def _write(self, item: bytes) -> None:
+        if self._file is None:
+            self._serial.write(item)
+        elif not self._file.write(item, _WRITE_TIMEOUT):
+            raise PortError(f"{self.name}: the device has taken no bytes for {_WRITE_TIMEOUT:g} s")
+        self._serial.flush()
 
     def set_direction(self, *, sending: bool) -> None:
         """Set the direction of the line by RTS or by the function of the caller, if one of them is to do that."""
@@ -192,14 +210,9 @@ class SerialPort:
     def receive(self, timeout: float) -> bytes | None:
         """Return received bytes, or None after `timeout` seconds."""
         try:
-            if sys.platform != "win32":
-                # Not by pyserial: each change of its timeout configures the port again, and its `read` waits for more
-                # bytes after the first ones.
-                end = self._serial.fileno()
-                if not select.select([end], [], [], min(timeout, LONGEST_WAIT))[0]:
-                    return None
-                received = os.read(end, CHUNK)
-                if not received:
+            if self._file is not None:
+                received = self._file.read(timeout)
+                if received == b"":
                     raise PortError(f"{self.name}: {self.failure()}")
                 return received
             self._serial.timeout = min(timeout, LONGEST_WAIT)
@@ -224,7 +237,7 @@ class SerialPort:
             with contextlib.suppress(PortError):
                 self.set_direction(sending=False)
         with contextlib.suppress(*_FAILURES):
-            self._serial.close()
+            (self._serial if self._file is None else self._file).close()
 
 
 def _open(path: str, settings: SerialSettings) -> serial.Serial:
@@ -237,7 +250,14 @@ def _open(path: str, settings: SerialSettings) -> serial.Serial:
         # Exclusive, because two programs on one line would receive each other's answers. A write must end too, where
         # nothing reads: the driver of an unplugged adapter, or a pseudo-terminal, may never take the bytes.
         return serial.Serial(
-            path, baudrate, bytesize, parity, stopbits, timeout=0, write_timeout=5, exclusive=os.name == "posix" or None
+            path,
+            baudrate,
+            bytesize,
+            parity,
+            stopbits,
+            timeout=0,
+            write_timeout=_WRITE_TIMEOUT,
+            exclusive=os.name == "posix" or None,
         )
     except _FAILURES as error:
         raise PortError(f"{path}: {_text(error)}") from None
@@ -245,7 +265,7 @@ def _open(path: str, settings: SerialSettings) -> serial.Serial:
 
 def _text(error: Exception) -> str:
     """Return the system's text of an error, without the text that pyserial puts around it."""
-    if isinstance(error, TypeError):
+    if isinstance(error, TypeError) or getattr(error, "errno", None) == errno.EBADF or "is not open" in str(error):
         return "the port was closed"
     if isinstance(error, OSError) and error.errno in (errno.EAGAIN, errno.EACCES) and "lock" in str(error):
         return "another program has it open"

@@ -15,7 +15,6 @@ arrived, and fails if a frame came along. On a bus with traffic it fails often.
 from __future__ import annotations
 
 import re
-import select
 import socket
 from time import monotonic
 from typing import Any
@@ -24,6 +23,7 @@ import can
 from can.interfaces.socketcand import SocketCanDaemonBus
 
 from barewire.io.endpoint import socketcand_address
+from barewire.io.ports.network import LONGEST_WAIT, readiness
 
 HANDSHAKE_TIMEOUT = 3.0
 """Seconds for each answer of the server, and for the connection."""
@@ -55,6 +55,7 @@ class SocketcandBus(SocketCanDaemonBus):
             self._connection().close()
             raise
         self._connection().settimeout(None)
+        self._is_ready = readiness(self._connection())
 
     def _recv_internal(self, timeout: float | None) -> tuple[can.Message | None, bool]:
         """Return the next message, or None. Raises ValueError for one that is no frame, and is ready for the next.
@@ -63,7 +64,7 @@ class SocketcandBus(SocketCanDaemonBus):
         """
         connection = self._connection()
         if b">" not in self._received:
-            if not select.select([connection], [], [], timeout)[0]:
+            if not self._is_ready(LONGEST_WAIT if timeout is None else timeout):
                 return None, False
             data = connection.recv(4096)
             if not data:
