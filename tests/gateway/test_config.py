@@ -11,6 +11,7 @@ from pathlib import Path
 import jsonschema
 import pytest
 
+from barewire.devices import load
 from barewire.gateway.__main__ import run_program
 from barewire.gateway.config import OPTIONS, ConfigError, config_schema, example, read_config
 from barewire.gateway.dispatch import UnitConfig
@@ -136,6 +137,61 @@ def test_each_fault_has_its_line_and_column(old: str, new: str, faults: list[str
     assert len(texts) == len(faults)
     for text, beginning in zip(texts, faults):
         assert text.startswith(beginning)
+
+
+def lines(
+    listeners: tuple[str, ...], backends: tuple[str, ...], status: str = "", machines: tuple[str, ...] = ()
+) -> str:
+    """A configuration: each listener is a line of it, each backend three."""
+    text = "".join(f'[[listen]]\nurl = "{url}"\n' for url in listeners)
+    for number, url in enumerate(backends, 1):
+        text += f'[[backend]]\nname = "{number}"\nunits = {number}\nurl = "{url}"\n'
+    if status:
+        text += f'[status]\nurl = "{status}"\n'
+    if machines:
+        text += '[publish]\nbroker = "mqtt://127.0.0.1"\nsite = "x"\n'
+    for number, url in enumerate(machines):
+        text += f'[[publish.machine]]\nname = "{number}"\ndevice = "adxl"\nparameters = ["{NAME}"]\nurl = "{url}"\n'
+    return text
+
+
+NAME = next(row.name for row in load("adxl").parameters if row.readable and row.modbus)
+TCP, USB, FAR = "tcp://127.0.0.1:1502", "rtu:///dev/ttyUSB0", "tcp://192.0.2.1"
+
+
+@every_case(
+    ("listeners", "backends", "status", "machines", "fault"),
+    [
+        ((TCP,), (USB, "rtu:///dev/ttyUSB0?baudrate=9600"), "", (), "10:1: /dev/ttyUSB0 is the line of the backend"),
+        ((TCP,), (USB, "ascii:///dev/../dev/ttyUSB0"), "", (), "10:1: /dev/../dev/ttyUSB0 is the line of the backend"),
+        ((TCP,), (FAR,), "", (USB, "ascii:///dev/ttyUSB0"), "19:1: /dev/ttyUSB0 is the line of the machine '0'"),
+        ((TCP,), (USB,), "", ("ascii:///dev/ttyUSB0?unit=3",), "14:1: /dev/ttyUSB0 is the line of the backend '1'"),
+        ((TCP,), (FAR,), "", (USB, f"{USB}?unit=3"), None),
+        ((TCP, f"{TCP}?idle=5"), (FAR,), "", (), "4:1: port 1502 is that of another listener"),
+        ((TCP, "rtu+tcp://0.0.0.0:1502"), (FAR,), "", (), "4:1: port 1502 is that of another listener"),
+        ((TCP, "tcp://localhost:1502"), (FAR,), "", (), "4:1: port 1502 is that of another listener"),
+        ((TCP, "udp://127.0.0.1:1502", "tcp://[::1]:1502", "tcp://127.0.0.2:1502"), (FAR,), "", (), None),
+        (("tcp://127.0.0.1:0", "tcp://127.0.0.1:0"), (FAR,), "", (), None),
+        ((TCP,), (FAR,), "http://0.0.0.0:1502", (), "8:1: port 1502 is that of a listener"),
+        ((TCP,), (FAR,), "http://[::]:1502", (), None),
+        (("tcp://127.0.0.1",), ("tcp://127.0.0.1",), "", (), "6:1: 127.0.0.1 is a listener of this gateway"),
+        (("tcp://0.0.0.0:1502",), ("tcp://127.0.0.9:1502",), "", (), "6:1: 127.0.0.9:1502 is a listener of this"),
+        (("tcp://192.0.2.7:1502",), ("rtu+tcp://192.0.2.7:1502",), "", (), "6:1: 192.0.2.7:1502 is a listener of this"),
+        (("tcp://0.0.0.0:1502",), ("tcp://192.0.2.1:1502",), "", (), None),
+        (("udp://127.0.0.1:1502",), (TCP,), "", (), None),
+    ],
+)  # fmt: skip
+def test_what_two_would_open_is_found_however_it_is_written(
+    listeners: tuple[str, ...], backends: tuple[str, ...], status: str, machines: tuple[str, ...], fault: str | None
+) -> None:
+    text = lines(listeners, backends, status, machines)
+    if fault is None:
+        read_config(text)
+        return
+    with pytest.raises(ConfigError) as wrong:
+        read_config(text)
+    (found,) = map(str, wrong.value.faults)
+    assert found.startswith(fault)
 
 
 def test_an_empty_file_says_what_is_missing() -> None:

@@ -388,6 +388,24 @@ def test_options_of_a_listener_change_at_its_port(servers: Callable[..., ModbusS
     through(config(backend(line.url, "1"), listen=old), act)
 
 
+def test_ports_that_are_written_otherwise_are_opened_again(servers: Callable[..., ModbusServer]) -> None:
+    line, port, page = servers("tcp://127.0.0.1:0", {1: numbers()}), free_port(), free_port()
+
+    def text(host: str, end: str) -> str:
+        more = f'[status]\nurl = "http://127.0.0.1:{page}{end}"\n'
+        return config(backend(line.url, "1"), listen=f"tcp://{host}:{port}", more=more)
+
+    async def act(gateway: Gateway, client: AsyncModbusClient) -> None:
+        before = gateway.page
+        for host, end in (("0.0.0.0", "/"), ("127.0.0.1", ""), ("0.0.0.0", "/")):
+            await gateway.reload(read_config(text(host, end)))
+            assert gateway.page is before
+            async with AsyncModbusClient(f"tcp://127.0.0.1:{port}", timeout=WAIT) as other:
+                assert await other.at(unit=1).read_holding_registers(7, 1) == (7,)
+
+    through(text("127.0.0.1", ""), act)
+
+
 def test_every_client_of_a_datagram_listener_gets_its_answer(
     servers: Callable[..., ModbusServer], monkeypatch: pytest.MonkeyPatch
 ) -> None:

@@ -114,7 +114,8 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
 }
 """The options of each table, by its name in the file."""
 
-_LOOPBACK = ("127.0.0.1", "localhost", "[::1]")
+_ANY = ("0.0.0.0", "::")
+"""The hosts that stand for all addresses of this machine. A socket of the second has those of IPv6 only."""
 
 _ARRAYS = {"listen", "backend", "policy.allow", "publish.machine"}
 """The tables of which a file may have several: [[backend]]."""
@@ -281,9 +282,6 @@ class _Reader:
             if not rows and "publish" not in table and name not in table:
                 self._fault((), f"no [[{name}]]: a gateway needs at least one, a publisher needs [publish]")
         self._check_routes([backend for backend in backends if backend is not None])
-        for place, url in enumerate(listeners):
-            if url is not None and url in listeners[:place] and not url.endswith(":0"):
-                self._fault(("listen", place, "url"), "the same listener twice")
         config = GatewayConfig(
             tuple(url for url in listeners if url is not None),
             tuple(backend for backend in backends if backend is not None),
@@ -297,24 +295,38 @@ class _Reader:
         return config
 
     def _check_lines(self, config: GatewayConfig) -> None:
-        """Note a line that goes to a listener of this gateway, and a serial port that two would open."""
-        ports = {str(listener_endpoint(url).host_and_port[1]) for url in config.listeners} - {"0"}
-        owners: dict[str, str] = {}
+        """Note a port that two would listen at, a line that goes to a listener of this gateway, and a serial port that
+        two would open."""
+        listening = [place_of(listener_endpoint(url)) for url in config.listeners]
+        for number, place in enumerate(listening):
+            if any(share_port(place, other) for other in listening[:number]):
+                self._fault(("listen", number, "url"), f"port {place[2]} is that of another listener")
+        if config.status is not None:
+            host, port = host_and_port(config.status)
+            if any(share_port(_at_host("tcp", host, port), place) for place in listening):
+                self._fault(("status", "url"), f"port {port} is that of a listener")
+        owners: dict[tuple[str, str, int], tuple[str, str]] = {}  # with the URL by which machines share it
         for number, backend in enumerate(config.backends):
-            endpoint = backend.endpoint
-            host, _, port = endpoint.place.rpartition(":")
-            if port in ports and host in _LOOPBACK:
+            endpoint, place = backend.endpoint, place_of(backend.endpoint)
+            is_here = place[1].startswith("127.") or place[1] == "::1"
+            if place in listening or (is_here and any(share_port(place, other) for other in listening)):
                 text = f"{endpoint.place} is a listener of this gateway: its requests would go round"
                 self._fault(("backend", number, "url"), text)
             if endpoint.is_serial_port:
-                owners[endpoint.place] = backend.name
-        for place, machine in enumerate(config.publish.machines if config.publish is not None else ()):
+                owner, _ = owners.setdefault(place, (f"the backend {backend.name!r}", ""))
+                if owner != f"the backend {backend.name!r}":
+                    text = f"{endpoint.place} is the line of {owner}: one backend has all units of a line"
+                    self._fault(("backend", number, "url"), text)
+        for number, machine in enumerate(config.publish.machines if config.publish is not None else ()):
             endpoint = _backend_endpoint(machine.url)
-            if endpoint.place in owners and endpoint.is_serial_port:
-                text = (
-                    f"{endpoint.place} is the line of the backend {owners[endpoint.place]!r}: poll through a listener"
-                )
-                self._fault(("publish", "machine", place, "url"), text)
+            if endpoint.is_serial_port:
+                own = f"{endpoint.scheme}://{endpoint.place}"
+                owner, shared = owners.setdefault(place_of(endpoint), (f"the machine {machine.name!r}", own))
+                if shared != own:
+                    what = f"which has {shared}: write it alike" if shared else "poll through a listener"
+                    mark = ", " if shared else ": "
+                    text = f"{endpoint.place} is the line of {owner}{mark}{what}"
+                    self._fault(("publish", "machine", number, "url"), text)
 
     def _publish(self, table: Any) -> PublishConfig | None:
         if table is None:
@@ -579,11 +591,25 @@ def place_of(endpoint: Endpoint) -> tuple[str, str, int]:
         return "can", endpoint.place, 0
     if endpoint.is_serial_port:
         return "serial", os.path.normcase(os.path.realpath(endpoint.place)), 0
-    host, port = endpoint.host_and_port
+    return _at_host("udp" if endpoint.is_datagram else "tcp", *endpoint.host_and_port)
+
+
+def _at_host(kind: str, host: str, port: int) -> tuple[str, str, int]:
     host = host.lower()
     with suppress(ValueError):
         host = str(ip_address("127.0.0.1" if host == "localhost" else host))
-    return "udp" if endpoint.is_datagram else "tcp", host, port
+    return kind, host, port
+
+
+def share_port(place: tuple[str, str, int], other: tuple[str, str, int]) -> bool:
+    """Return whether only one of two listeners can be open at these places.
+
+    >>> share_port(("tcp", "127.0.0.1", 502), ("tcp", "0.0.0.0", 502))
+    True
+    """
+    hosts = place[1], other[1]
+    is_any = "" in hosts or any(row in hosts and all((":" in host) == (":" in row) for host in hosts) for row in _ANY)
+    return (place[0], place[2]) == (other[0], other[2]) and place[2] != 0 and (hosts[0] == hosts[1] or is_any)
 
 
 def _check_listener(endpoint: Endpoint) -> None:

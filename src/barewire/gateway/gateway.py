@@ -15,7 +15,7 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 from barewire.gateway.backend import Backend, ModbusBackend
-from barewire.gateway.config import BackendConfig, GatewayConfig, listener_endpoint, place_of
+from barewire.gateway.config import BackendConfig, GatewayConfig, host_and_port, listener_endpoint, place_of, share_port
 from barewire.gateway.dispatch import NO_PATH, Query
 from barewire.gateway.policy import Policy
 from barewire.gateway.status import SAMPLE_INTERVAL, History, of_backend, of_listener
@@ -146,7 +146,7 @@ class Gateway:
         """Return the status page at this URL: the present one, or a new one. Raises PortError."""
         if url is None:
             return None
-        if self.page is not None and url == self.config.status:
+        if self.page is not None and host_and_port(url) == host_and_port(self.config.status or ""):
             return self.page
         from barewire.gateway.page import StatusPage  # loads microdot
 
@@ -306,6 +306,4 @@ def _context_of(url: str) -> SSLContext | None:
 
 def _same_port(url: str, other: str) -> bool:
     """Whether two listeners would have the same port, so that only one of them can be open."""
-    first, second = listener_endpoint(url), listener_endpoint(other)
-    is_same = (first.host_and_port, first.is_datagram) == (second.host_and_port, second.is_datagram)
-    return is_same and first.host_and_port[1] != 0
+    return share_port(place_of(listener_endpoint(url)), place_of(listener_endpoint(other)))
