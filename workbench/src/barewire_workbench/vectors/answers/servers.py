@@ -189,7 +189,8 @@ class _Bench:
         if not sent:
             return None
         self._now += 1.0
-        self._server.sent(self._now)
+        if self._server.serial:
+            self._server.sent(self._now)
         self._client.request(step["unit"], octets(step["ask"]))
         events = [*self._client.feed(b"".join(sent), self._now), *self._client.feed(None, self._now + 1.0)]
         frames = [event for event in events if isinstance(event, Adu)]
@@ -215,7 +216,8 @@ def _answer_steps(given: Fields) -> Fields:
             sent = [frame[:-1] + b"\n" for frame in sent]
         texts = answer_text([framing.decode(frame) for frame in sent])
         now += 1
-        server.sent(now)
+        if is_serial:
+            server.sent(now)
         if server.line.broken is not None:  # the connection is closed, the next step has a new one
             texts, server = texts or CLOSED, Server(_server_line(name, units), units, serial=is_serial)
         answers.append(texts)
