@@ -336,6 +336,8 @@ def test_a_setting_of_each_type_is_saved_compared_and_restored(end: str, tmp_pat
     with two_devices(tmp_path) as (device, first, second):
         output_of("save", first, device, file)
         assert output_of("diff", file, first) == ""
+        if end == "dcf":
+            assert "the DCF has" not in output_of("read", first, file, *ALL_TYPES)
         assert len(run_here("diff", file, second).stdout.splitlines()) == 1 + len(ALL_TYPES)
         assert all(map(json.loads, output_of("restore", file, second, "--dry-run", "--json").splitlines()))
         assert all(map(json.loads, output_of("devices", device, "--json").splitlines()))

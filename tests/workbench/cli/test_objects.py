@@ -110,14 +110,6 @@ def test_a_dcf_shows_what_it_wants(pump: tuple[str, Path], tmp_path: Path) -> No
     ]
 
 
-def test_a_32_bit_float_is_that_of_the_dcf(pump: tuple[str, Path], tmp_path: Path) -> None:
-    url, _ = pump
-    file = tmp_path / "pump.dcf"
-    file.write_bytes(eds.to_dcf(plant(), 5, {(0x2004, 1): 0.2}).encode())
-    output_of("write", url, str(file), "2004h.1=0.2")
-    assert output_of("read", url, str(file), "2004h.1") == "Curve / Point = 0.2\n"
-
-
 def test_every_type_of_cia_301_is_written_and_read_by_address(tmp_path: Path) -> None:
     assert VALUES.keys() == {row.name for row in DATA_TYPES}
     entries = []

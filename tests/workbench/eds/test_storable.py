@@ -7,7 +7,7 @@ import pytest
 from barewire import load
 from barewire.canopen import eds
 from barewire.errors import EncodeError
-from barewire_workbench.eds.device import device_of_eds
+from barewire_workbench.eds.device import configured_values, device_of_eds
 from barewire_workbench.eds.export import export
 from barewire_workbench.eds.storable import storable
 from barewire_workbench.settings.compare import differences
@@ -80,7 +80,8 @@ def test_settings_as_a_dcf_and_back() -> None:
         settings={"PROFILE ACCELERATION": SavedValue(2500), "ID KP": SavedValue(0.7)},
         communication={cob_ids[0]: SavedValue(0x185), cob_ids[1]: SavedValue(0x333)},
     )
-    dcf = dcf_of(saved, device, document)
+    dcf, left_out = dcf_of(saved, device, document)
+    assert left_out == {}
     assert (dcf.get("6083", "ParameterValue"), dcf.node_id) == ("2500", 5)
     # The COB-ID that is the default for this node remains one that suits every node.
     assert dcf.get("1800sub1", "ParameterValue") == "$NODEID+0x180"
@@ -99,3 +100,19 @@ def test_bytes_are_text_in_a_file() -> None:
     assert value_of(parameter, saved) == bytes.fromhex("01FF")
     with pytest.raises(EncodeError, match="expected bytes in hexadecimal"):
         value_of(parameter, SavedValue("key"))
+
+
+def test_a_dcf_has_what_was_read_and_says_what_it_cannot_have() -> None:
+    """The EDS is a DCF itself: it has other values. Nothing of them is left, also of settings that were not read."""
+    objects = ["2000 gain 6 rw", "2001 offset 6 rw", "2002 key 10 rw", "2003 mode 6 rww"]
+    texts = {"city": "K\u00f6ln", "blank": " Hall", "note": "a ;b", "line": "a\nb", "hall": "Hall 4"}
+    objects += [f"{0x2004 + number:X} {name} 9 rw" for number, name in enumerate(texts)]
+    old = described(*(f"{text} ParameterValue=7" for text in objects))
+    device = device_of_eds(old, "old.dcf", 5)
+    settings = {"gain": SavedValue(1), "key": SavedValue("")} | {name: SavedValue(text) for name, text in texts.items()}
+    dcf, left_out = dcf_of(SavedSettings("old.dcf", settings=settings), device, old)
+    assert left_out.keys() == {"key", "city", "blank", "note", "line"}
+    assert left_out["key"] == "b'' would be read as nothing"
+    assert "cannot be written in ascii" in left_out["city"]
+    again = device_of_eds(eds.parse(dcf.encode()), "new.dcf", 5)
+    assert dict(configured_values(again)) == {"gain": 1, "hall": "Hall 4"}

@@ -160,12 +160,14 @@ def to_dcf(
     *,
     name: str = "",
     bitrate: int | None = None,
+    left_out: dict[tuple[int, int], str] | None = None,
 ) -> Eds:
     """Return the DCF of one device: a copy of its EDS with [DeviceComissioning] and values.
 
     `values` are the ParameterValues by (index, sub-index) or by name; `name` is the NodeName, `bitrate` is
     in bit/s. Raise EncodeError for an object that the EDS does not have, and a value outside of its data type or
-    limits. A text is accepted for a number if a file may have it: "0x1F4", "$NODEID+0x200".
+    limits; with `left_out`, put the value there with the reason instead. A text is accepted for a number if a file may
+    have it: "0x1F4", "$NODEID+0x200".
     """
     if not isinstance(eds, Eds):
         raise EncodeError(f"to_dcf: {shown(eds)}: expected an EDS, such as eds.parse returns", "eds")
@@ -180,12 +182,15 @@ def to_dcf(
         entry = dictionary.at(place)
         described, item = items[entry.index, entry.sub]
         where = f"{entry.index:04X}h:{entry.sub:02X} {item.name}"
-        _check_value(item, where, value, node_id)
         try:
+            _check_value(item, where, value, node_id)
             set_key(dcf, described, item, "ParameterValue", value)
         except EncodeError as error:
-            error.add_context(where)
-            raise
+            if left_out is None:
+                if where not in str(error):
+                    error.add_context(where)
+                raise
+            left_out[entry.index, entry.sub] = str(error)
     return dcf
 
 

@@ -68,19 +68,25 @@ def save_command(
     saved = _present(endpoint, device, no_wait, check=not no_check, frames=frames, names=None)
     for name, why in saved.not_read.items():
         note(f"{name}: not read: {why}")
-    count = len(saved.settings) + len(saved.communication)
+    left_out: dict[str, str] = {}
+    if is_dcf(file):
+        data, left_out = as_dcf(saved, endpoint)
+    else:
+        data = saved.text().encode()
+        SavedSettings.parse(data, str(file))  # a file that could not be read again takes no other one's place
+    for name, why in left_out.items():
+        note(f"{name}: left out: a DCF cannot have it: {why}")
+    count = len(saved.settings) + len(saved.communication) - len(left_out)
     if not count:
         raise BarewireError(f"no setting was read: {file} is not written")
     if saved.not_read and file.is_file() and not partial:
         raise BarewireError(f"{len(saved.not_read)} settings were not read: {file} is kept as it is; see --partial")
-    data = as_dcf(saved, endpoint) if is_dcf(file) else saved.text().encode()
-    if not is_dcf(file):
-        SavedSettings.parse(data, str(file))  # a file that could not be read again takes no other one's place
     replace_file(file, data)
     if file != _STDOUT:
         missing = f", {len(saved.not_read)} not read" if saved.not_read else ""
+        missing += f", {len(left_out)} left out" if left_out else ""
         print(f"{file}: {count} settings of {saved.title or device}{missing}")
-    return 1 if saved.not_read else 0
+    return 1 if saved.not_read or left_out else 0
 
 
 @click.command("restore")

@@ -34,9 +34,11 @@ def read_dcf(file: Path, endpoint: str = "") -> SavedSettings:
     return settings_of_dcf(load_device(str(file), endpoint))
 
 
-def as_dcf(saved: SavedSettings, endpoint: str) -> bytes:
-    """Return the DCF of settings that were read from an endpoint, whose device is an EDS or DCF."""
-    return dcf_of(saved, load_device(saved.device, endpoint), parse(file_content(saved.device))).encode()
+def as_dcf(saved: SavedSettings, endpoint: str) -> tuple[bytes, dict[str, str]]:
+    """Return the DCF of settings that were read from an endpoint, whose device is an EDS or DCF, and why it has not all
+    of them, by name."""
+    dcf, left_out = dcf_of(saved, load_device(saved.device, endpoint), parse(file_content(saved.device)))
+    return dcf.encode(), left_out
 
 
 def configure(file: Path, endpoint: str, output: Output, *, dry_run: bool, store: bool, frames: bool) -> None:

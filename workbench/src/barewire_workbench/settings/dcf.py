@@ -2,12 +2,15 @@
 
 from __future__ import annotations
 
-from barewire.canopen.eds import Eds, to_dcf
-from barewire.canopen.eds.value_syntax import Expression
+from barewire.canopen.eds import Eds, parse, to_dcf
+from barewire.canopen.eds.eds_file import set_key
+from barewire.canopen.eds.objects import every_item
+from barewire.canopen.eds.value_syntax import Expression, Formula
 from barewire.devices import Device
-from barewire.errors import EncodeError
+from barewire.errors import EncodeError, shown
 from barewire_workbench.eds.device import configured_values
 from barewire_workbench.eds.storable import formulas
+from barewire_workbench.settings.compare import same
 from barewire_workbench.settings.rules import SettingRules, without_unmapped
 from barewire_workbench.settings.saved import SavedSettings, saved_value, value_of
 
@@ -25,18 +28,36 @@ def settings_of_dcf(device: Device) -> SavedSettings:
     return saved
 
 
-def dcf_of(saved: SavedSettings, device: Device, eds: Eds) -> Eds:
-    """Return the DCF of a device with these settings: its EDS with a ParameterValue for each.
+def dcf_of(saved: SavedSettings, device: Device, eds: Eds) -> tuple[Eds, dict[str, str]]:
+    """Return the DCF of a device with these settings: its EDS with a ParameterValue for each, and no other; and by name
+    why it has not all of them: a line cannot hold every text, and an empty value is none.
 
     A COB-ID that is the default for the node remains a formula, so that the DCF suits another node too.
     """
     assert device.canopen is not None
     of_node, node = formulas(eds), device.canopen.node
     values: dict[tuple[int, int] | str, Expression] = {}
+    names = {}
     for name, setting in (saved.settings | saved.communication).items():
         parameter = device.find(name)
         assert parameter.object is not None
         place, value = (parameter.object.index, parameter.object.sub), value_of(parameter, setting)
         formula = of_node.get(place)
         values[place] = formula if formula is not None and formula.at(node) == value else value
-    return to_dcf(eds, node, values, name=saved.title)
+        names[place] = name
+    refused: dict[tuple[int, int], str] = {}
+    dcf = to_dcf(eds, node, values, name=saved.title, left_out=refused)
+    for described, item in list(every_item(parse(dcf.encode()).objects.values())):
+        place = described.index, item.sub
+        if place in values and place not in refused and not _same(item.value, values[place]):
+            has = "nothing" if item.value is None else shown(item.value)
+            refused[place] = f"{shown(values[place])} would be read as {has}"
+        if item.value is not None and (place in refused or place not in values):  # an old value, if the EDS is a DCF
+            set_key(dcf, described, item, "ParameterValue", None)
+    return dcf, {names[place]: why for place, why in refused.items()}
+
+
+def _same(read: Expression | None, written: Expression) -> bool:
+    if read is None or isinstance(read, Formula) or isinstance(written, Formula):
+        return read == written
+    return same(read, written)
