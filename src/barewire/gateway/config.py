@@ -297,7 +297,7 @@ class _Reader:
     def _check_lines(self, config: GatewayConfig) -> None:
         """Note a port that two would listen at, a line that goes to a listener of this gateway, and a serial port that
         two would open."""
-        listening = [place_of(listener_endpoint(url)) for url in config.listeners]
+        listening = [occupied_by(listener_endpoint(url)) for url in config.listeners]
         for number, place in enumerate(listening):
             if any(share_port(place, other) for other in listening[:number]):
                 self._fault(("listen", number, "url"), f"port {place[2]} is that of another listener")
@@ -307,7 +307,7 @@ class _Reader:
                 self._fault(("status", "url"), f"port {port} is that of a listener")
         owners: dict[tuple[str, str, int], tuple[str, str]] = {}  # with the URL by which machines share it
         for number, backend in enumerate(config.backends):
-            endpoint, place = backend.endpoint, place_of(backend.endpoint)
+            endpoint, place = backend.endpoint, occupied_by(backend.endpoint)
             is_here = place[1].startswith("127.") or place[1] == "::1"
             if place in listening or (is_here and any(share_port(place, other) for other in listening)):
                 text = f"{endpoint.place} is a listener of this gateway: its requests would go round"
@@ -321,7 +321,7 @@ class _Reader:
             endpoint = _backend_endpoint(machine.url)
             if endpoint.is_serial_port:
                 own = f"{endpoint.scheme}://{endpoint.place}"
-                owner, shared = owners.setdefault(place_of(endpoint), (f"the machine {machine.name!r}", own))
+                owner, shared = owners.setdefault(occupied_by(endpoint), (f"the machine {machine.name!r}", own))
                 if shared != own:
                     what = f"which has {shared}: write it alike" if shared else "poll through a listener"
                     mark = ", " if shared else ": "
@@ -581,10 +581,10 @@ def listener_endpoint(url: str) -> Endpoint:
     return endpoint
 
 
-def place_of(endpoint: Endpoint) -> tuple[str, str, int]:
+def occupied_by(endpoint: Endpoint) -> tuple[str, str, int]:
     """Return what an endpoint occupies, however its URL is written: a bus, a serial device, or a port of a host.
 
-    >>> place_of(modbus_endpoint("rtu+tcp://LOCALHOST")) == place_of(modbus_endpoint("tcp://127.0.0.1:502?unit=7"))
+    >>> occupied_by(modbus_endpoint("rtu+tcp://LOCALHOST")) == occupied_by(modbus_endpoint("tcp://127.0.0.1:502?unit=7"))
     True
     """
     if endpoint.scheme == "can":

@@ -15,7 +15,14 @@ from collections.abc import Sequence
 from typing import TYPE_CHECKING, Any, Self
 
 from barewire.gateway.backend import Backend, ModbusBackend
-from barewire.gateway.config import BackendConfig, GatewayConfig, host_and_port, listener_endpoint, place_of, share_port
+from barewire.gateway.config import (
+    BackendConfig,
+    GatewayConfig,
+    host_and_port,
+    listener_endpoint,
+    occupied_by,
+    share_port,
+)
 from barewire.gateway.dispatch import NO_PATH, Query
 from barewire.gateway.policy import Policy
 from barewire.gateway.status import SAMPLE_INTERVAL, History, of_backend, of_listener
@@ -264,7 +271,7 @@ class Gateway:
         former = [*self._former, *ended]
         for backend in self.backends:
             if all(backend is not old for _, old in known):
-                backend.follow([old for old in former if place_of(old.endpoint) == place_of(backend.endpoint)])
+                backend.follow([old for old in former if occupied_by(old.endpoint) == occupied_by(backend.endpoint)])
         self._former = [old for old in former if not old.successors]
         await self._swap(page, publisher)
         for url in gone:
@@ -306,4 +313,4 @@ def _context_of(url: str) -> SSLContext | None:
 
 def _same_port(url: str, other: str) -> bool:
     """Whether two listeners would have the same port, so that only one of them can be open."""
-    return share_port(place_of(listener_endpoint(url)), place_of(listener_endpoint(other)))
+    return share_port(occupied_by(listener_endpoint(url)), occupied_by(listener_endpoint(other)))

@@ -210,18 +210,18 @@ def test_a_connection_that_is_not_read_loses_notices_and_gets_their_number() -> 
     async def body() -> None:
         async with gateway("gateway-slow") as (made, _):
             terminal = await TextClient.connect(made)
-            assert await terminal.ask("[1] set rpdo 1 0x7FF event 1 0x2000 0 u64") == "[1] OK"
+            assert await terminal.ask("[1] set rpdo 1 0x4FF event 1 0x2000 0 u64") == "[1] OK"
             (connection,) = made._connections
             for writer, buffer in ((connection._writer, socket.SO_SNDBUF), (terminal.writer, socket.SO_RCVBUF)):
                 writer.get_extra_info("socket").setsockopt(socket.SOL_SOCKET, buffer, 4096)
             for number in range(2_000_000):  # the system's buffers take some first
-                connection._feed_notices(CanFrame(0x7FF, number.to_bytes(8, "little")), 0.0)
+                connection._feed_notices(CanFrame(0x4FF, number.to_bytes(8, "little")), 0.0)
                 if connection._lost == 3:
                     break
             assert connection._writer.transport.get_write_buffer_size() < UNREAD_LIMIT + 1000
             while not connection._writer.transport.get_write_buffer_size() < 100:
                 await terminal.read_line()
-            connection._feed_notices(CanFrame(0x7FF, bytes(8)), 0.0)
+            connection._feed_notices(CanFrame(0x4FF, bytes(8)), 0.0)
             while not (line := await terminal.read_line()).startswith("#"):
                 pass
             assert line == "#3 notices were lost: they were not read"
