@@ -597,6 +597,20 @@ def test_each_query_is_counted_once() -> None:
     assert counters[1].total == pytest.approx(0.02)
 
 
+def test_every_exchange_ends_with_a_response_or_without_one() -> None:
+    """Also if the connection has ended, the gateway's own code has failed, or there must be none."""
+    bus = SimulatedBus(Dispatcher())
+    outcomes: list[tuple[bytes | int | None, bool]] = [(b"\x03\x02\0\0", True), (0x0B, True), (0x0B, False)]
+    for response, is_silence in (*outcomes, (0x04, False), (None, True), (b"\x83\x02", True)):
+        bus.submit(A, 1, read(5))
+        exchange = bus.dispatcher.take(bus.now)
+        assert exchange is not None
+        bus.dispatcher.finish(exchange, response, bus.now, is_silence=is_silence)
+    row = bus.dispatcher.unit(1).counters
+    assert (row.requests, row.responses, row.exceptions, row.no_responses) == (6, 2, 1, 3)
+    assert (row.answered, row.unanswered, row.failed) == (2, 2, 1)
+
+
 REQUESTS = st.one_of(
     st.builds(read, st.integers(0, 12), st.integers(1, 3)),
     st.builds(read, st.integers(0, 12), st.integers(1, 9), st.just(1)),

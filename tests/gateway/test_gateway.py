@@ -18,6 +18,7 @@ from barewire.errors import PortError
 from barewire.gateway.backend import ModbusBackend
 from barewire.gateway.config import read_config
 from barewire.gateway.gateway import Gateway
+from barewire.gateway.status import in_words
 from barewire.io.server import asyncio_network
 from barewire.modbus import Functions, ModbusException, RawRequest, Request, Response, Table
 from tests.certificates import authority, leaf, tls_url
@@ -341,6 +342,31 @@ def test_a_reload_goes_on_with_what_is_the_same(servers: Callable[..., ModbusSer
 
     text = config(first, backend(changed.url, "2", name="changed"))
     through(text, act, in_flight=2)
+
+
+def test_a_unit_that_never_answered_is_not_said_to_answer() -> None:
+    """The other side closes each connection: no unit is dead for that."""
+
+    async def close(reader: asyncio.StreamReader, writer: asyncio.StreamWriter) -> None:
+        await reader.read(100)
+        writer.close()
+
+    async def main() -> dict[str, Any]:
+        line = await asyncio.start_server(close, "127.0.0.1", 0)
+        port = line.sockets[0].getsockname()[1]
+        text = config(backend(f"tcp://127.0.0.1:{port}", "1"))
+        async with (
+            Gateway(read_config(text)) as gateway,
+            AsyncModbusClient(gateway.urls[0], timeout=WAIT) as client,
+        ):
+            assert await answer(client, 1, "03 00 00 00 01") == "83 0b"
+            line.close()
+            return gateway.status()
+
+    state = asyncio.run(main())
+    (unit,) = state["backends"][0]["units"]
+    assert (unit["state"], unit["no_responses"]) == ("has not answered", 1)
+    assert "  unit 1: has not answered, 1 exchanges, 0 exceptions, 1 unanswered" in in_words(state)
 
 
 def test_a_policy_holds_as_soon_as_it_is_read(servers: Callable[..., ModbusServer]) -> None:

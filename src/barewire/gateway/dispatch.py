@@ -169,7 +169,8 @@ def _span(request: RawRequest) -> _Span | None:
 class UnitCounters:
     """What happened to the queries of one unit, since the gateway began. Each query is in exactly one of the first six.
 
-    responses, exceptions, and no_responses are those of the exchanges on the bus; times are in seconds.
+    responses, exceptions, and no_responses are those of the exchanges on the bus: each is in the first or in the last,
+    unless it must have no response, as a broadcast. Times are in seconds.
     """
 
     answered: int = 0
@@ -188,10 +189,12 @@ class UnitCounters:
     """Reads that joined an identical one, or were merged with another one."""
     requests: int = 0
     """Exchanges on the bus."""
+    responses: int = 0
+    """Exchanges with a response of the unit."""
     exceptions: int = 0
     """Exchanges that the unit declined."""
     no_responses: int = 0
-    """Exchanges without a response."""
+    """Exchanges without a response: the unit did not respond, or the connection ended."""
     latest: float = 0.0
     """How long the latest response took."""
     total: float = 0.0
@@ -638,8 +641,8 @@ class Dispatcher:
         for query in exchange.queries:
             self._end(query, state)
         if isinstance(response, int):
+            counters.no_responses += 1
             if is_silence:
-                counters.no_responses += 1
                 self._was_silent(state, exchange, now, took)
             for query in exchange.queries:
                 if is_silence and len(exchange.queries) > 1 and state.blocker(query) is None:
@@ -655,6 +658,7 @@ class Dispatcher:
                 was_dead, state.silent, state.ignores, state.doubts = state.is_dead, 0, 0, 0
                 if was_dead and self.on_death_or_return is not None:
                     self.on_death_or_return(state)
+            counters.responses += 1
             counters.latest = took
             counters.total += took
             counters.exceptions += response[0] >> 7

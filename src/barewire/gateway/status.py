@@ -70,7 +70,11 @@ def of_backend(backend: Backend, units: Mapping[int, int], now: float) -> dict[s
 def _state_of(backend: Backend, unit: UnitRecord) -> str:
     if backend.cannot_open:
         return "not known: the line is not open"
-    return "dead" if unit.is_dead else "answers" if unit.counters.requests else "not asked yet"
+    if unit.is_dead or unit.counters.responses:
+        return "dead" if unit.is_dead else "answers"
+    if unit.counters.no_responses:
+        return "has not answered"
+    return "asked" if unit.counters.requests else "not asked yet"
 
 
 def in_words(state: dict[str, Any]) -> list[str]:
@@ -83,7 +87,7 @@ def in_words(state: dict[str, Any]) -> list[str]:
         counts = f"{backend['waiting']} requests wait, {backend['late']} late responses"
         lines.append(f"{backend['name']}, {backend['line']}: {is_open}, {counts}")
         for unit in backend["units"]:
-            answered = unit["requests"] - unit["no_responses"]
+            answered = unit["responses"]
             mean = f", {1000 * unit['total'] / answered:.1f} ms on average" if answered else ""
             counts = f"{unit['requests']} exchanges, {unit['exceptions']} exceptions, {unit['no_responses']} unanswered"
             place = f"unit {unit['unit']}" + (f" ({unit['address']})" if unit["address"] != unit["unit"] else "")
@@ -128,6 +132,7 @@ class History:
 
 _OF_UNITS = {
     "requests": ("exchanges", "Exchanges with a unit"),
+    "responses": ("responses", "Exchanges with a response of the unit"),
     "exceptions": ("exceptions", "Exchanges that a unit declined"),
     "no_responses": ("no_responses", "Exchanges without a response"),
     "answered": ("answered", "Requests of clients with a response of the unit"),
