@@ -347,6 +347,21 @@ def test_a_setting_of_each_type_is_saved_compared_and_restored(end: str, tmp_pat
         assert output_of("diff", file, second) == ""
 
 
+def test_half_a_character_ends_neither_save_nor_a_log(tmp_path: Path) -> None:
+    half = bytes.fromhex("410000D84200").decode("utf-16-le", "surrogatepass")
+    types: dict[str, tuple[int, Value, Value]] = {"Speed": (0x06, 1, 2), "Name": (0x0B, half, "x")}
+    with two_devices(tmp_path, types) as (device, url, _):
+        for end in ("toml", "dcf"):
+            done = run_here("save", url, device, str(tmp_path / f"left.{end}"))
+            assert done.returncode == 1, done.stderr
+            assert "barewire: Name: not read: its text has half a character" in done.stderr
+            assert done.stdout.endswith(", 1 not read\n")
+        for log in ("left.csv", "left.db"):
+            output_of("watch", url, device, "Name", "--count", "1", "--to", str(tmp_path / log))
+        assert ",A?B," in (tmp_path / "left.csv").read_text(encoding="utf-8")
+        assert json.loads(output_of("read", url, device, "Name", "--json"))["value"] == "A?B"
+
+
 def test_a_file_that_could_not_be_read_again_takes_no_old_one_away(
     drive: str, tmp_path: Path, monkeypatch: pytest.MonkeyPatch
 ) -> None:

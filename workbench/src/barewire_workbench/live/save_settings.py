@@ -60,6 +60,9 @@ def save_settings(machine: MachineClient, url: str, names: Collection[str] | Non
         if value is None:
             saved.not_read[setting.name] = present[setting.name].problem
             continue
+        if isinstance(value, str) and value.encode(errors="replace").decode() != value:
+            saved.not_read[setting.name] = "its text has half a character of UTF-16, which no file can hold"
+            continue
         values = saved.communication if setting.communication else saved.settings
         values[setting.name] = saved_value(setting.parameter, value, setting.place(is_can=is_can))
     return saved

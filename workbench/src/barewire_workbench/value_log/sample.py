@@ -102,9 +102,16 @@ def headings(columns: Sequence[Column]) -> list[str]:
 
 
 def plain_value(value: Value | None) -> int | float | str | None:
-    """Return a value for JSON, CSV and SQLite: bytes in hexadecimal, times in milliseconds."""
+    """Return a value for JSON, CSV and SQLite: bytes in hexadecimal, times in milliseconds, "?" for half a character of
+    UTF-16, which a UNICODE_STRING may have and UTF-8 has not.
+
+    >>> plain_value(b"\\x01\\xAB"), plain_value("A\\ud800B")
+    ('01 AB', 'A?B')
+    """
     if isinstance(value, bytes):
         return value.hex(" ").upper()
+    if isinstance(value, str):
+        return value.encode(errors="replace").decode()
     return int(value) if isinstance(value, int) and not isinstance(value, bool) else value
 
 
