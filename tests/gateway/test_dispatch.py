@@ -201,6 +201,16 @@ def test_a_response_is_kept_for_a_while_and_until_a_write() -> None:
     assert len(bus.log) == 4
 
 
+def test_diagnostics_with_an_effect_are_sent_each_time() -> None:
+    bus = SimulatedBus(Dispatcher(default=UnitConfig(cache=9.0)))
+    clear, count_ = RawRequest(bytes.fromhex("08000A0000")), RawRequest(bytes.fromhex("08000B0000"))
+    bus.handle = lambda exchange: exchange.request.pdu  # type: ignore[method-assign]
+    queries = [bus.submit(client, 1, request) for request in (clear, count_) for client in (A, B)]
+    bus.run()
+    assert [bus.answer_to(query) for query in queries] == ["08 00 0a 00 00"] * 2 + ["08 00 0b 00 00"] * 2
+    assert [row.request for row in bus.log] == [clear, clear, count_]
+
+
 def test_adjacent_reads_are_merged_where_the_options_say_so() -> None:
     bus = SimulatedBus(Dispatcher({2: UnitConfig(merge=2)}))
     bus.units[2] = Table(200, holding_registers=list(range(200)))

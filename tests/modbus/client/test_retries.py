@@ -6,7 +6,15 @@ import pytest
 
 from barewire.conversation import Abandoned, Heard
 from barewire.errors import NoAnswer
-from barewire.modbus import Bus, ReadHoldingRegisters, UnitOptions, WriteOutcomeUnknown, WriteSingleRegister
+from barewire.modbus import (
+    Bus,
+    Diagnostics,
+    RawRequest,
+    ReadHoldingRegisters,
+    UnitOptions,
+    WriteOutcomeUnknown,
+    WriteSingleRegister,
+)
 from barewire.tcp import TcpLine
 from tests.helpers import refused
 from tests.modbus.client.slow import Clock, Slow, read, rtu_bus
@@ -18,6 +26,21 @@ def test_a_write_without_answer_is_outcome_unknown_and_not_repeated() -> None:
     with pytest.raises(WriteOutcomeUnknown, match="whether it was carried out is unknown"):
         Clock(slow).play(bus.ask(1, WriteSingleRegister(1, 2), retries=2))
     assert len(slow.asked) == 1
+
+
+@pytest.mark.parametrize("sub_function", range(0x16))
+def test_diagnostics_are_repeated_only_if_they_have_no_effect(sub_function: int) -> None:
+    """Not a restart, not the commands that clear counters; nor a reserved sub-function, whose effect is not known."""
+    bus = rtu_bus(recovery="wait")
+    slow = Slow([None] * 3)
+    request = Diagnostics(sub_function)
+    has_effect = sub_function not in (0x00, 0x02, *range(0x0B, 0x13))
+    assert (request.writes, RawRequest(request.encode()).writes) == (has_effect, has_effect)
+    if sub_function == 0x04:  # its result is silence
+        return
+    with pytest.raises(WriteOutcomeUnknown if has_effect else NoAnswer):
+        Clock(slow).play(bus.ask(1, request, retries=2))
+    assert len(slow.asked) == (1 if has_effect else 3)
 
 
 def test_a_write_is_repeated_with_repeat_writes() -> None:

@@ -85,6 +85,9 @@ SUB_FUNCTIONS: dict[int, str] = {
 }
 """The public sub-functions [MB-APP 6.8.1]. The others are reserved."""
 
+WITHOUT_EFFECT = frozenset({0x00, 0x02} | set(range(0x0B, 0x13)))
+"""Sub-functions that change nothing in the server. What a reserved one does is not known."""
+
 ECHOED = frozenset({0x00, 0x01, 0x03, 0x0A, 0x14})
 """Sub-functions whose response repeats the request."""
 
@@ -204,6 +207,11 @@ class Diagnostics(Request[DiagnosticsResponse]):
         object.__setattr__(self, "data", check_bytes("data", self.data))
         _check_diagnostics(self.sub_function, self.data)
         _check_asked(self.sub_function, self.data)
+
+    @property
+    def writes(self) -> bool:  # type: ignore[override]  # here it is a value
+        """Whether the sub-function changes something: it restarts, silences or clears."""
+        return self.sub_function not in WITHOUT_EFFECT
 
     def encode(self) -> bytes:
         return self.layout.pack(self.function_code, self.sub_function, tail=self.data)

@@ -410,7 +410,7 @@ class Server:
         adu, self._waiting = self._waiting, None
         self.statistics.stale += 1
         request = request_class(adu.pdu)
-        if request is not None and request.writes:
+        if request is not None and request.writes is True:  # of Diagnostics only a message knows it
             self._carry_out(adu, self.units[adu.unit], now, answered=False)
         else:
             self.counters[adu.unit].received()
