@@ -13,6 +13,7 @@ import pytest
 from barewire import CanopenClient, CanopenServer, ModbusClient, ModbusServer, Table
 from barewire.errors import PortError
 from barewire.io.endpoint import Endpoint
+from barewire.io.ports.network import UdpPort
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.io.ports.serial import SerialPort
 from tests.helpers import PATIENCE, free_port, refused, until
@@ -97,3 +98,12 @@ def test_a_program_with_many_files_uses_socketcand(above_1023: None) -> None:
     url = f"can://socketcand/127.0.0.1:{free_port()}/many?node=5"
     with CanopenServer(url, device="az3"), CanopenClient(url, timeout=PATIENCE) as client:
         assert client.node(5).sdo.upload(0x1000)
+
+
+def test_a_datagram_port_that_cannot_be_opened_leaves_no_socket_open() -> None:
+    with pytest.raises(PortError) as error:
+        UdpPort("255.255.255.255", 502)
+    frame = error.tb
+    while frame.tb_next is not None:
+        frame = frame.tb_next
+    assert frame.tb_frame.f_locals["self"]._socket.fileno() == -1

@@ -127,7 +127,11 @@ class UdpPort:
         try:
             family, kind, protocol, _, address = socket.getaddrinfo(host, port, type=socket.SOCK_DGRAM)[0]
             self._socket = socket.socket(family, kind, protocol)
-            self._socket.connect(address)
+            try:
+                self._socket.connect(address)
+            except BaseException:
+                self._socket.close()
+                raise
         except OSError as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
         self._is_ready = readiness(self._socket)
