@@ -211,7 +211,7 @@ def test_a_port_that_fails_at_once_does_not_end_the_growth_of_the_pauses(monkeyp
             return False
 
     monkeypatch.setattr("barewire.io.canopen.bus.port.time.monotonic", lambda: now)
-    reopening = Reopening(dial, Stop())
+    reopening = Reopening(dial, Stop().wait)
     reopening.back_off = BackOff(lambda: 0.5)
     opened = reopening.reopen(MemoryPort(), "unplugged")
     assert opened is not None

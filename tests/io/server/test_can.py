@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import asyncio
+import threading
 from pathlib import Path
 from typing import Any
 
@@ -15,7 +16,9 @@ from barewire.canopen.eds import parse
 from barewire.devices import load
 from barewire.devices.sim import simulator
 from barewire.errors import DecodeError, EncodeError, PortError
+from barewire.io.ports.base import Port
 from barewire.io.ports.can.python_can import CanPort
+from tests.helpers import PATIENCE, until
 
 pytest.importorskip("can")
 
@@ -65,6 +68,30 @@ def test_a_node_is_served_once_on_a_bus() -> None:
     with pytest.raises(PortError, match="serves once"):
         first.start()
     asyncio.run(main())
+
+
+@pytest.mark.parametrize("end", ["close", "stop"])
+def test_a_server_that_runs_in_a_thread_of_the_program_ends_while_its_bus_is_gone(end: str) -> None:
+    attempts: list[object] = []
+
+    def dial() -> Port[CanFrame]:
+        attempts.append(None)
+        raise PortError("no such adapter")
+
+    stop = threading.Event()
+    server = CanopenServer(f"can://memory/gone-{end}?node=5&reconnect_first=0.001", device="az3")
+    port, server.dial = server.port, dial
+    thread = threading.Thread(target=server.run, args=(stop,))
+    thread.start()
+    port.close()  # it fails
+    until(lambda: len(attempts) > 2)
+    if end == "close":
+        server.close()
+    else:
+        stop.set()
+    thread.join(PATIENCE)
+    assert not thread.is_alive()
+    stop.set()
 
 
 def test_a_node_of_a_dictionary_an_eds_a_file_a_simulator_or_its_name(tmp_path: Path) -> None:

@@ -172,7 +172,10 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
 
     def _serve(self, stop: threading.Event) -> None:
         clock, driver = time.monotonic, self._driver
-        reopening = Reopening(self.dial, stop, pauses=self._endpoint.pauses, log=self._bus_log)
+        pauses = self._endpoint.pauses
+        reopening = Reopening(
+            self.dial, lambda seconds: self.is_over_in(stop, seconds), pauses=pauses, log=self._bus_log
+        )
         self._log.info("serving", "serving")
         watch = self._watch = self._bus_log.watch()
         with self._sending:

@@ -82,12 +82,12 @@ def leaves_out_own_frames(port: Port[CanFrame]) -> bool:
 
 
 class Reopening:
-    """Opens the port of one bus again. `stop` ends the attempts at any time."""
+    """Opens the port of one bus again. `stopped_in(seconds)` waits so long at most, and returns whether to give up."""
 
     def __init__(
         self,
         dial: Dial,
-        stop: threading.Event,
+        stopped_in: Callable[[float], bool],
         *,
         pauses: tuple[float, float] = PAUSES,
         jitter: Callable[[], float] = random.random,
@@ -95,13 +95,13 @@ class Reopening:
     ) -> None:
         first, longest = pauses
         self.back_off = BackOff(jitter, first=first, longest=longest)
-        self.stop = stop
+        self._stopped_in = stopped_in
         self._dial = dial
         self._log = log
         self._good_from = time.monotonic()
 
     def reopen(self, port: Port[CanFrame], why: str) -> tuple[Port[CanFrame], BusItem | None] | None:
-        """Return a new port in place of this one, and the result of its first receive; None if `stop` was set."""
+        """Return a new port in place of this one, and the result of its first receive; None if it was given up."""
         clock, back_off = time.monotonic, self.back_off
         if clock() - self._good_from >= LASTED:
             back_off.reset()
@@ -114,7 +114,7 @@ class Reopening:
         while True:
             with suppress(Exception):  # the port has failed already: an error of its `close` adds nothing
                 port.close()
-            if self.stop.wait(back_off.wait(clock())):
+            if self._stopped_in(back_off.wait(clock())):
                 return None
             try:
                 port = self._dial()

@@ -113,7 +113,8 @@ class CanBus(SubscriberTable):
         self._lost = 0  # of the port
         self._closed = False
         self._is_inherited = False  # by a forked process, which must not close the port
-        self._reopening = None if dial is None else Reopening(dial, threading.Event(), pauses=pauses, log=self._log)
+        self._ending = threading.Event()
+        self._reopening = None if dial is None else Reopening(dial, self._ending.wait, pauses=pauses, log=self._log)
         self._reader: threading.Thread | None = None
         self._direct: DirectPort | None = None
         self.loop_reader: LoopReader | None = None
@@ -566,8 +567,7 @@ class CanBus(SubscriberTable):
         if self._is_inherited:
             return
         self._closed = True  # before `_fail`, which then does not log a failure
-        if self._reopening is not None:
-            self._reopening.stop.set()
+        self._ending.set()
         alone = self._alone
         # Subscribers are told first, so that the one that reads ends its read; only then the port is closed.
         self._fail(f"{self.name}: the bus was closed")
