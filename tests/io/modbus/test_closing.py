@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import asyncio
 import socket
+import threading
 from collections.abc import Callable
 from typing import Any
 
@@ -14,8 +15,10 @@ from barewire.errors import PortError
 from barewire.io.modbus import async_client
 from barewire.io.ports import async_links
 from barewire.modbus import WriteOutcomeUnknown
+from tests.certificates import tls_url
 from tests.helpers import PATIENCE, refused, until
 from tests.io.peers import peer, read_exactly
+from tests.io.schemes import EVERY_SCHEME, SERIAL
 
 CLIENTS: list[Any] = [ModbusClient, AsyncModbusClient]
 
@@ -99,3 +102,33 @@ def test_on_lost_may_close_the_client(kind: Any) -> None:
             client.connection.drop("not aligned")
         assert not client.connected
         assert lost[1:] == ["not aligned"]
+
+
+@EVERY_SCHEME
+def test_closing_ends_a_request_that_waits_for_its_response(scheme: str, request: pytest.FixtureRequest) -> None:
+    url, query = f"{scheme}://{'pty' if scheme in SERIAL else '127.0.0.1:0'}", ""
+    if scheme == "tls":
+        files = request.getfixturevalue("certificates")
+        url, query = tls_url(files, "server", roles="any"), tls_url(files, "operator").partition("?")[2]
+    arrived = threading.Event()
+    errors: list[str] = []
+
+    def read() -> None:
+        try:
+            client.read_holding_registers(0, 1)
+        except PortError as error:
+            errors.append(str(error))
+
+    with ModbusServer(url, {1: Table()}, faults={"drop": 1.0}, on_fault=lambda _: arrived.set()) as server:
+        client = ModbusClient(f"{server.url.partition('?')[0]}?{query}", timeout=2 * PATIENCE)
+        place = client.connection.endpoint.place
+        threads = [threading.Thread(target=read) for _ in range(2)]  # one waits for its response, one for its turn
+        for thread in threads:
+            thread.start()
+        assert arrived.wait(PATIENCE)
+        client.close()
+        for thread in threads:
+            thread.join(PATIENCE)
+        assert sorted(errors) == sorted([f"{place}: the port was closed", "the client was closed"])
+        for thread in threads:
+            thread.join()

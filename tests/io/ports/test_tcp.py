@@ -72,6 +72,27 @@ def test_the_peer_closes_the_connection_during_receive(ends: tuple[TcpPort, sock
 
 
 @pytest.mark.parametrize("times", [0, 3])
+def test_another_thread_closes_the_port_during_receive(ends: tuple[TcpPort, socket.socket], times: int) -> None:
+    port, _ = ends
+    exchanged(ends, times, 2 * LONG)
+    errors: list[str] = []
+
+    def wait() -> None:
+        try:
+            port.receive(2 * LONG)
+        except PortError as error:
+            errors.append(str(error))
+
+    thread = threading.Thread(target=wait)
+    thread.start()
+    thread.join(SOON)
+    port.close()
+    thread.join(LONG)
+    assert errors == [f"{port.name}: the port was closed"]
+    thread.join()
+
+
+@pytest.mark.parametrize("times", [0, 3])
 def test_a_closed_port_raises_that_it_was_closed(ends: tuple[TcpPort, socket.socket], times: int) -> None:
     port, _ = ends
     exchanged(ends, times, LONG)

@@ -274,7 +274,7 @@ class ModbusClient(ModbusMethods, BlockingClient):
         self.connection.open_now(self.timeout)
 
     def close(self) -> None:
-        """Close the connection."""
+        """Close the connection. Requests under way in other threads raise PortError."""
         self.connection.close()
 
     def run(self, conversation: Conversation[bytes, T], *, unit: int | None = None) -> T:

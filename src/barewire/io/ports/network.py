@@ -41,6 +41,7 @@ class TcpPort:
 
     def __init__(self, host: str, port: int, *, timeout: float = CONNECT_TIMEOUT) -> None:
         self.name = place_of(host, port)
+        self._is_closed = False
         self._socket = self._connect(host, port, timeout)
         self._socket.setblocking(False)
         self._is_ready = readiness(self._socket)
@@ -97,7 +98,7 @@ class TcpPort:
         except (OSError, ValueError) as error:
             raise PortError(f"{self.name}: {self._why(error)}") from None
         if not data:
-            raise PortError(f"{self.name}: the other side closed the connection")
+            raise PortError(f"{self.name}: {self._why()}")
         return data
 
     def _give_to_system(self, timeout: float) -> None:
@@ -111,12 +112,15 @@ class TcpPort:
             self._socket.setblocking(True)
             self._system_timeout = timeout
 
-    def _why(self, error: Exception) -> str:
-        return "the port was closed" if self._socket.fileno() < 0 else reason(error)
+    def _why(self, error: Exception | None = None) -> str:
+        if self._is_closed:
+            return "the port was closed"
+        return "the other side closed the connection" if error is None else reason(error)
 
     def close(self) -> None:
-        """Close the connection."""
-        self._socket.close()
+        """Close the connection. A thread that waits for bytes gets a PortError."""
+        self._is_closed = True
+        close_and_wake(self._socket)
 
 
 class UdpPort:
@@ -135,6 +139,7 @@ class UdpPort:
         except OSError as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
         self._is_ready = readiness(self._socket)
+        self._is_closed = False
 
     def send(self, item: bytes) -> None:
         """Send one datagram."""
@@ -146,13 +151,24 @@ class UdpPort:
     def receive(self, timeout: float) -> bytes | None:
         """Return the next datagram, or None after `timeout` seconds. Raises PortError if the peer's port is closed."""
         try:
-            return self._socket.recv(CHUNK) if self._is_ready(timeout) else None
+            data = self._socket.recv(CHUNK) if self._is_ready(timeout) else None
         except (OSError, ValueError) as error:
             raise PortError(f"{self.name}: {reason(error)}") from None
+        if self._is_closed:
+            raise PortError(f"{self.name}: the port was closed")
+        return data
 
     def close(self) -> None:
-        """Close the socket."""
-        self._socket.close()
+        """Close the socket. A thread that waits for a datagram gets a PortError."""
+        self._is_closed = True
+        close_and_wake(self._socket)
+
+
+def close_and_wake(connection: socket.socket) -> None:
+    """Close a socket for which other threads may wait: `close` alone would leave them waiting."""
+    with contextlib.suppress(OSError):  # it has ended already
+        socket.socket.shutdown(connection, socket.SHUT_RDWR)  # of TLS too the socket, under what a thread reads now
+    connection.close()
 
 
 def readiness(*files: socket.socket | int, room_in: int | None = None) -> Callable[[float], object]:

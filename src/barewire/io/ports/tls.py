@@ -142,8 +142,8 @@ class TlsPort(TcpPort):
         try:
             self._socket.settimeout(CONNECT_TIMEOUT)
             self._socket.sendall(item)
-        except OSError as error:
-            raise PortError(f"{self.name}: {tls_reason(error)}") from None
+        except (OSError, ValueError) as error:
+            raise PortError(f"{self.name}: {self._why(error)}") from None
 
     def receive(self, timeout: float) -> bytes | None:
         """Return received bytes, or None after `timeout` seconds. TLS may hold bytes, so it is read without `poll`."""
@@ -152,11 +152,14 @@ class TlsPort(TcpPort):
             data = self._socket.recv(CHUNK)
         except (TimeoutError, ssl.SSLWantReadError):
             return None
-        except OSError as error:
-            raise PortError(f"{self.name}: {tls_reason(error)}") from None
+        except (OSError, ValueError) as error:
+            raise PortError(f"{self.name}: {self._why(error)}") from None
         if not data:
-            raise PortError(f"{self.name}: the other side closed the connection")
+            raise PortError(f"{self.name}: {self._why()}")
         return data
+
+    def _why(self, error: Exception | None = None) -> str:
+        return super()._why() if error is None or self._is_closed else tls_reason(error)
 
 
 class TlsSession:
