@@ -18,14 +18,21 @@ from barewire.io.ports.network import CHUNK, readiness
 class SharedDescriptor:
     """The descriptor `number`, for reads and writes that do not block, and the function that closes its file."""
 
+    _alarm: tuple[socket.socket, ...] = ()
+
     def __init__(self, number: int, close: Callable[[], object]) -> None:
-        os.set_blocking(number, False)
         self._number = number
         self._close_file = close
         self._using = threading.RLock()  # not Lock: a signal handler may close what its own thread reads
-        self._bell, self._cord = socket.socketpair()  # `close` pulls the cord, which wakes the threads that wait
-        self._is_readable = readiness(number, self._bell)
-        self._is_writable = readiness(self._bell, room_in=number)
+        # When `close` closes the second, the first is readable, which wakes all that wait, also from then on.
+        self._alarm = woken, _ = socket.socketpair()
+        os.set_blocking(number, False)
+        self._is_readable = readiness(number, woken)
+        self._is_writable = readiness(woken, room_in=number)
+
+    def __del__(self) -> None:
+        for end in self._alarm:
+            end.close()
 
     def fileno(self) -> int:
         """Return the number, -1 after `close`."""
@@ -59,9 +66,10 @@ class SharedDescriptor:
 
     def close(self) -> None:
         """Close the file, once. Reads and writes that wait end."""
-        self._cord.close()
-        with self._using:
-            was_open, self._number = self._number >= 0, -1
-            if was_open:
-                self._bell.close()
-                self._close_file()
+        try:
+            with self._using:
+                was_open, self._number = self._number >= 0, -1
+                if was_open:
+                    self._close_file()
+        finally:
+            self._alarm[1].close()  # not before: a read of a terminal without bytes looks like that of one at its end
