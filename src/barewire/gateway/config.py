@@ -14,7 +14,7 @@ from collections.abc import Callable, Iterator, Mapping
 from contextlib import suppress
 from dataclasses import dataclass, field
 from importlib.util import find_spec
-from ipaddress import ip_address, ip_network
+from ipaddress import IPv4Network, IPv6Network, ip_address, ip_network
 from typing import TYPE_CHECKING, Any, NamedTuple
 from urllib.parse import urlsplit
 
@@ -113,6 +113,15 @@ OPTIONS: dict[str, tuple[Option, ...]] = {
     ),
 }
 """The options of each table, by its name in the file."""
+
+_OF_CLIENTS = {*UNIT_OPTIONS, "unit", "late_window", "recovery", "retries", "reconnect_first", "reconnect_longest"}
+"""Options of URLs that mean nothing to a listener."""
+
+_OF_NO_BACKEND = {
+    **dict.fromkeys(("connections", "idle", "roles", "client_cert"), "only servers have it"),
+    "retries": "the gateway sends a request once, and its client repeats it",
+}
+"""Options of URLs that mean nothing to a Modbus backend, and why."""
 
 _ANY = ("0.0.0.0", "::")
 """The hosts that stand for all addresses of this machine. A socket of the second has those of IPv6 only."""
@@ -263,6 +272,8 @@ class _Reader:
                 value = table[option.name]
                 try:
                     values[option.name] = check(value)
+                except _HasHostBits as error:
+                    self._fault((*path, option.name), f"{option.name}: {error}")
                 except (AttributeError, TypeError, ValueError, EncodeError):
                     may_have_password = option.kind == "broker" or {"/", "@"} <= {*shown(value, 10_000)}
                     given = option.name if may_have_password else f"{option.name} = {shown(value)}"
@@ -456,8 +467,9 @@ class _Reader:
         devices: dict[int, Device] = {}
         for key, table in of_units.items():
             place = (*path, "unit", key)
-            if not key.isdecimal() or int(key) not in units:
-                self._fault(place, f"unit {key}: expected a unit that is in units")
+            if not (key.isascii() and key.isdecimal() and len(key) <= 3 and int(key) in units):
+                name = key if key.isascii() and len(key) <= 9 else shown(key)
+                self._fault(place, f"unit {name}: expected a unit that is in units")
                 continue
             of_unit = self._values("backend.unit", table, place)
             address = int(key) if of_unit["as"] is None else of_unit["as"]
@@ -499,6 +511,8 @@ class _Reader:
             self._fault((*path, "units"), "a node-ID is 1 to 127: give the units others with [backend.unit.N] as = ...")
         if any(unit not in units.values() for unit in endpoint.own_units):
             self._fault((*path, "url"), "the URL has an option of a unit that is not in units")
+        for name in _OF_NO_BACKEND.keys() & endpoint.options.keys() if endpoint.scheme != "can" else ():
+            self._fault((*path, "url"), f"{name}={endpoint.options[name]}: {_OF_NO_BACKEND[name]}")
         for name in {"unit", "node"} & endpoint.options.keys():
             self._fault((*path, "url"), f"{name}={endpoint.options[name]}: units says what is behind the line")
         if any(not endpoint.seconds(key, 0.0) for key in endpoint.options if split_name(key)[0] == "timeout"):
@@ -614,6 +628,9 @@ def share_port(place: tuple[str, str, int], other: tuple[str, str, int]) -> bool
 
 def _check_listener(endpoint: Endpoint) -> None:
     """Raise the error of a listener that cannot be opened as it is written, also of its certificates."""
+    for key, value in endpoint.options.items():
+        if split_name(key)[0] in _OF_CLIENTS:
+            raise EncodeError(f"{key}={value}: only clients have it, and each backend")
     modbus_line(endpoint, "server")
     if endpoint.transport == "tls":
         from barewire.io.ports.tls import roles_of, server_context
@@ -751,6 +768,18 @@ def _spans(value: Any) -> tuple[range, ...]:
     return tuple(spans)
 
 
+class _HasHostBits(ValueError):
+    """A network whose address is one in it."""
+
+
+def _network(value: Any) -> IPv4Network | IPv6Network:
+    text = _text(value)
+    network = ip_network(text, strict=False)
+    if ip_address(text.partition("/")[0]) != network.network_address:
+        raise _HasHostBits(f"{shown(text)} has host bits: expected {network}, or the address alone")
+    return network
+
+
 _KINDS: dict[str, tuple[Callable[[Any], Any], str, dict[str, Any]]] = {
     "text": (_text, "a text", {"type": "string", "minLength": 1}),
     "names": (lambda value: tuple(map(_text, _list(value))), "a list of names",
@@ -773,7 +802,7 @@ _KINDS: dict[str, tuple[Callable[[Any], Any], str, dict[str, Any]]] = {
                   {"type": "object", "additionalProperties": {"type": "string"}}),
     "functions": (_functions, "a list of function codes, 1 to 127",
                   {"type": "array", "items": {"type": "integer", "minimum": 1, "maximum": 127}}),
-    "networks": (lambda value: tuple(ip_network(_text(row)) for row in _list(value)),
+    "networks": (lambda value: tuple(map(_network, _list(value))),
                  'a list of addresses and networks, such as ["10.0.0.7", "192.168.0.0/16"]',
                  {"type": "array", "items": {"type": "string"}}),
 }  # fmt: skip
