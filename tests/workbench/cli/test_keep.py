@@ -347,6 +347,19 @@ def test_a_setting_of_each_type_is_saved_compared_and_restored(end: str, tmp_pat
         assert output_of("diff", file, second) == ""
 
 
+def test_a_dcf_of_some_settings_is_compared_with_those_of_any_other_side(tmp_path: Path) -> None:
+    dcf, toml = tmp_path / "part.dcf", str(tmp_path / "full.toml")
+    with two_devices(tmp_path, {"Speed": (0x06, 1, 2), "Mode": (0x06, 3, 3)}) as (device, first, second):
+        part = eds.to_dcf(eds.parse(Path(device).read_bytes()), 6, {"Speed": 1})
+        dcf.write_bytes(part.encode())
+        for url, status in ((first, 0), (second, 1)):
+            output_of("save", url, device, toml)
+            for sides in ((str(dcf), toml), (toml, str(dcf)), (str(dcf), url)):
+                done = run_here("diff", *sides, "--no-check")
+                assert (done.returncode, done.stdout.count("\n")) == (status, 2 * status), done.stdout
+            assert output_of("read", url.replace("can:", "CAN:"), device, "Speed") == f"Speed = {1 + status}\n"
+
+
 def test_half_a_character_ends_neither_save_nor_a_log(tmp_path: Path) -> None:
     half = bytes.fromhex("410000D84200").decode("utf-16-le", "surrogatepass")
     types: dict[str, tuple[int, Value, Value]] = {"Speed": (0x06, 1, 2), "Name": (0x0B, half, "x")}

@@ -29,7 +29,12 @@ if TYPE_CHECKING:
 
 
 def endpoint_url(value: str) -> str:
-    """The type of an ENDPOINT: a URL, which is checked before any port is opened, and passed on as text."""
+    """The type of an ENDPOINT: a URL, which is checked before any port is opened, and passed on as text, with its
+    scheme in small letters.
+
+    >>> endpoint_url("TCP://127.0.0.1")
+    'tcp://127.0.0.1'
+    """
     try:
         endpoint = Endpoint.parse(value)
         if endpoint.scheme == "can":
@@ -43,7 +48,7 @@ def endpoint_url(value: str) -> str:
             usage = " ".join([context.command_path, *context.command.collect_usage_pieces(context)])
             raise click.BadParameter(f"{shown(value)} is a device: expected {usage}") from None
         raise click.BadParameter(f"{error}{_url_hint(value)}") from None
-    return value
+    return endpoint.scheme + value[len(endpoint.scheme) :]
 
 
 def _url_hint(value: str) -> str:

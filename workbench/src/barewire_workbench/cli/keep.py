@@ -6,6 +6,7 @@ import csv
 import shlex
 import sys
 from collections.abc import Collection
+from dataclasses import replace
 from pathlib import Path
 
 import click
@@ -119,6 +120,7 @@ def restore_command(
     again. FILE may be a DCF: see `barewire canopen configure`.
     """
     if is_dcf(file):
+        _check_options_of_dcf()
         configure(file, endpoint, output, dry_run=dry_run, store=store, frames=frames)
         return 0
     given = None if device is None else _described(device, endpoint)  # a wrong name is reported first
@@ -164,6 +166,15 @@ def restore_command(
         return 0
     note(f"to go on: {again}")
     return 1
+
+
+def _check_options_of_dcf() -> None:
+    """Raise UsageError for an option of `restore` that has no effect on a DCF."""
+    context = click.get_current_context()
+    for name in ("device", "no_check", "verify", "communication"):
+        if context.get_parameter_source(name) is not click.core.ParameterSource.DEFAULT:
+            flag = "no-verify" if name == "verify" and not context.params[name] else name.replace("_", "-")
+            raise click.UsageError(f"--{flag} has no meaning for a DCF")
 
 
 def _show_frames(restore: Restore, change: Change, output: Output) -> None:
@@ -258,6 +269,8 @@ def diff_command(
                     raise EncodeError(f"{name}: no file says which device it is: expected --device")
                 url = endpoint_url(name)
                 sides[name] = _present(url, named, no_wait, check=not no_check, names=names)
+            elif names is not None and not is_dcf(files[name]):
+                sides[name] = _only(sides[name], names)
         first, second = sides[a], sides[b]
         if first.title != second.title and not no_check:
             raise BarewireError(f"{a} is of {first.title}, {b} of {second.title}; --no-check compares them")
@@ -270,6 +283,15 @@ def diff_command(
     if any(difference.problem for difference in found):
         return 2
     return int(bool(found))
+
+
+def _only(saved: SavedSettings, names: Collection[str]) -> SavedSettings:
+    """Return the settings of these names."""
+    settings, communication = (
+        {name: value for name, value in part.items() if name in names} for part in (saved.settings, saved.communication)
+    )
+    not_read = {name: why for name, why in saved.not_read.items() if name in names}
+    return replace(saved, settings=settings, communication=communication, not_read=not_read)
 
 
 def _parameters(name: str) -> dict[str, Parameter]:
