@@ -344,6 +344,26 @@ def test_a_reload_goes_on_with_what_is_the_same(servers: Callable[..., ModbusSer
     through(text, act, in_flight=2)
 
 
+def test_a_publisher_that_takes_its_time_to_end_keeps_no_line_from_its_new_backend(
+    servers: Callable[..., ModbusServer], monkeypatch: pytest.MonkeyPatch
+) -> None:
+    server = servers("tcp://127.0.0.1:0", {2: numbers()})
+
+    async def act(gateway: Gateway, client: AsyncModbusClient) -> None:
+        ended, (listener,) = asyncio.Event(), gateway.config.listeners
+        monkeypatch.setattr(gateway, "_swap", lambda *_: ended.wait())
+        new = config(backend(server.url, "2,3", "[backend.unit.3]\nas = 2"))
+        reloading = asyncio.ensure_future(gateway.reload(read_config(new.replace("tcp://127.0.0.1:0", listener, 1))))
+        await asyncio.sleep(0)
+        assert await client.at(unit=3).read_holding_registers(7, 1) == (7,)
+        assert not reloading.done()
+        ended.set()
+        await reloading
+        monkeypatch.undo()
+
+    through(config(backend(server.url, "2")), act)
+
+
 def test_a_unit_that_never_answered_is_not_said_to_answer() -> None:
     """The other side closes each connection: no unit is dead for that."""
 

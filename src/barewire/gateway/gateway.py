@@ -273,10 +273,9 @@ class Gateway:
             if all(backend is not old for _, old in known):
                 backend.follow([old for old in former if occupied_by(old.endpoint) == occupied_by(backend.endpoint)])
         self._former = [old for old in former if not old.successors]
-        await self._swap(page, publisher)
-        for url in gone:
-            await self._listeners.pop(url).close()
-        await self._end(ended)
+        # Together: a publisher may take some seconds to leave its lines, and new backends wait for the old ones.
+        closing = [self._listeners.pop(url).close() for url in gone]
+        await asyncio.gather(self._swap(page, publisher), self._end(ended), *closing)
         self._former = [old for old in self._former if old.awaits_answers]
 
     async def _end(self, backends: list[Backend]) -> None:
