@@ -26,6 +26,7 @@ CHECKED_ELSEWHERE = {
     "ascii/frame.py: max(len(data) - 2, 1)": "the place in an error: tests/ascii/test_frame.py",
     "modbus/client/bus.py: heard.now < until": "a broadcast, which only `setups` has: tests/model/test_one_line.py",
     "canopen/sdo/client.py: 1 <= server <= SERVERS_MAX": "refuses an argument: tests/canopen/sdo/test_access.py",
+    "canopen/sdo/plain.py: 0.0 < self.timeout < _ENDLESS": "refuses an argument: tests/canopen/sdo/test_client_ends.py",
     "canopen/sdo/channel.py: now >= self.give_up": "never silent: tests/canopen/sdo/test_client.py",
     "canopen/sdo/channel.py: heard.now >= self.late": "without a frame a wait ends no earlier",
     "modbus/client/line_state.py: min(self.silent": "days of silence: tests/modbus/client/test_line_state.py",
