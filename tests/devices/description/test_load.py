@@ -45,7 +45,7 @@ def device_in(directory: Path, rows: str, head: str = SMALL) -> Path:
     ("name", "tables", "objects"),
     [
         ("adxl", {"holding": 20, "input": 39}, 0),
-        ("az3", {None: 74, "coil": 40, "holding": 171, "input": 61}, 328),
+        ("az3", {None: 82, "coil": 40, "holding": 171, "input": 61}, 336),
         ("csd-mt", {"holding": 114}, 0),
     ],
 )

@@ -11,7 +11,7 @@ from barewire.canopen import AbortCode, SdoAbort
 from barewire.codecs import Value
 from barewire.codecs.numbers import Number
 from barewire.devices.description.load import load, names
-from barewire.devices.parameter import ObjectAt, Parameter
+from barewire.devices.parameter import Parameter
 from barewire.devices.sim import simulator
 from barewire.errors import BarewireError, EncodeError
 from barewire.modbus import ModbusException
@@ -260,7 +260,7 @@ def test_pdo_records_can_be_written_in_the_order_of_cia_301(number: int) -> None
     for base in (0x1400, 0x1800):
         entries = _by_sub(records, base + number)
         mapped = _by_sub(records, base + 0x200 + number)
-        count = Parameter("entries", "u8", object=ObjectAt(base + 0x200 + number, 0))
+        count = mapped.pop(0)
         on = int(line.read(entries[1]))
         with pytest.raises(SdoAbort):
             line.write({mapped[1]: line.read(mapped[1])})  # the PDO is still switched on

@@ -46,8 +46,8 @@ def test_every_parameter_is_listed_with_every_field(name: str) -> None:
 def test_a_table_has_a_line_for_each_parameter_and_a_heading_for_each_group() -> None:
     lines = output_of("devices", "az3").splitlines()
     groups = list(dict.fromkeys(parameter.group for parameter in load("az3").parameters))
-    assert len(lines) == 1 + 1 + 2 * len(groups) + 346 + 2
-    assert lines[0] == "TEM AZ3 servo drive: 346 parameters"
+    assert len(lines) == 1 + 1 + 2 * len(groups) + 354 + 2
+    assert lines[0] == "TEM AZ3 servo drive: 354 parameters"
     assert lines[1].split() == ["name", "access", "type", "range", "and", "unit", "Modbus", "CANopen"]
     at = lines.index("Control word, mode, targets and limits")
     assert lines[at - 1] == ""
@@ -58,7 +58,7 @@ def test_a_table_has_a_line_for_each_parameter_and_a_heading_for_each_group() ->
 
 def test_a_word_selects_parameters_by_name_group_or_place() -> None:
     found = output_of("devices", "az3", "bit rate").splitlines()
-    assert found[0] == "TEM AZ3 servo drive: 2 of 346 parameters"
+    assert found[0] == "TEM AZ3 servo drive: 2 of 354 parameters"
     assert [line.split("  ")[1] for line in found[2:] if line.startswith("  ")] == ["CAN BIT RATE", "BOOT BIT RATE"]
     assert "CONTROL WORD" in output_of("devices", "az3", "6040h")
     assert len(output_of("devices", "az3", "heartbeat", "--json").splitlines()) == 5

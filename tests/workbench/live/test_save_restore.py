@@ -12,7 +12,7 @@ from typing import Any
 
 import pytest
 
-from barewire import CanopenServer, ModbusServer, connect, load
+from barewire import CanopenClient, CanopenServer, ModbusServer, connect, load
 from barewire.codecs import Value
 from barewire.devices import Device, ModbusAt, ModbusSettings, Parameter
 from barewire.devices.sim import adxl, simulator
@@ -446,6 +446,36 @@ def test_over_canopen_pdos_are_written_in_the_order_of_cia_301() -> None:
         full = Restore(drive, saved, url)
         list(full.run())
         assert "expected at most 64" in full.failed[0].problem
+
+
+@pytest.mark.parametrize(("before", "after"), [(1, 3), (3, 1)])
+def test_over_canopen_the_number_of_mapped_objects_is_a_setting(before: int, after: int) -> None:
+    """Objects are mapped while the number is 0, and the number is written behind them."""
+    url = f"can://memory/restore-mapped-{before}"
+    with CanopenServer(f"{url}?node=1", device="az3"), connect("az3", url) as drive:
+        assert isinstance(drive.client, CanopenClient)
+        node = drive.client.node(1)
+
+        def map_objects(number: int) -> None:
+            for index, sub, value in (
+                (0x1801, 1, 0x8000_0281),
+                (0x1A01, 0, 0),
+                (0x1A01, 0, number),
+                (0x1801, 1, 0x281),
+            ):
+                node.sdo.download(index, sub, value.to_bytes(1 if sub == 0 else 4, "little"))
+
+        map_objects(after)
+        saved = save_settings(drive, url)
+        map_objects(before)
+        assert "TPDO2 NUMBER OF MAPPED OBJECTS" in {
+            found.name for found in differences(saved, save_settings(drive, url))
+        }
+        restore = Restore(drive, saved, url)
+        list(restore.run())
+        assert (restore.failed, restore.stopped) == ([], None)
+        assert node.sdo.upload(0x1A01, 0) == bytes([after])
+        assert list(differences(saved, save_settings(drive, url))) == []
 
 
 def test_what_was_saved_over_modbus_is_restored_over_canopen() -> None:

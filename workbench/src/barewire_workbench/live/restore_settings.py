@@ -26,7 +26,7 @@ from typing import NamedTuple
 
 from barewire import CanopenClient
 from barewire.canopen.configuration.configure import STORE_TIMEOUT, configure_device
-from barewire.canopen.configuration.settings import DeviceConfiguration, Setting
+from barewire.canopen.configuration.settings import DeviceConfiguration, Setting, pdo_of
 from barewire.canopen.object_dictionary import Entry
 from barewire.codecs import Value
 from barewire.devices import Parameter
@@ -327,9 +327,22 @@ class Restore:
         client = self.machine.client
         assert isinstance(client, CanopenClient)
         node = client.node(device=self.machine.device)
-        configuration = DeviceConfiguration(node.number, tuple(_object_setting(change) for change in changes))
+        configuration = DeviceConfiguration(node.number, tuple(self._object_settings(changes)))
         configuring = configure_device(node.channel, configuration, timeout=node.timeout)
         node.runner.carry_out(sdo_transfer(node.channel, configuring, node.timeout))
+
+    def _object_settings(self, changes: Sequence[Change]) -> Iterator[Setting]:
+        """Yield the changes, and the equal entries of a mapping that changes: it is written as a whole."""
+        changed = {change.parameter.name for change in changes}
+        places = [change.parameter.object for change in changes]
+        mappings = {
+            place.index for place in places if place and (pdo := pdo_of(place.index)) and place.index == pdo.map
+        }
+        for setting, value in self._wanted:
+            parameter, place = setting.parameter, setting.parameter.object
+            if place is not None and (setting.name in changed or place.index in mappings):
+                entry = Entry(place.index, place.sub, setting.name, parameter.object_type)
+                yield Setting(entry, parameter.to_raw(value))
 
     def _leave_pending(self) -> None:
         """Add what is still to be written to what failed."""
@@ -381,13 +394,6 @@ def check_at_rest(status_word: int) -> None:
     if state in _ENABLED:
         text = "settings are written while the motor has no current: `barewire drive ... disable`"
         raise NotAtRest(f"the drive is in {state.name.replace('_', ' ')}: {text}")
-
-
-def _object_setting(change: Change) -> Setting:
-    place = change.parameter.object
-    assert place is not None
-    entry = Entry(place.index, place.sub, change.parameter.name, change.parameter.object_type)
-    return Setting(entry, change.parameter.to_raw(change.after))
 
 
 def _is_can(url: str) -> bool:
