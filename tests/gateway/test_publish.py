@@ -189,6 +189,7 @@ def test_payloads_have_value_unit_word_and_time() -> None:
     assert json.loads(reading_payload(Reading(mode, 2), 1.5)) == {"value": 2, "text": "automatic", "at": 1.5}
     volts = Parameter("Voltage", "f32", unit="V")
     assert json.loads(reading_payload(Reading(volts, float("inf")), 1.5)) == {"value": None, "unit": "V", "at": 1.5}
+    assert json.loads(reading_payload(Reading(volts, 0.20000000298023224), 1.5))["value"] == 0.2  # of 32 bits
 
 
 @pytest.mark.parametrize(

@@ -640,7 +640,7 @@ def _check_listener(endpoint: Endpoint) -> None:
 
 
 def _backend_endpoint(url: str) -> Endpoint:
-    if not url.startswith("can:"):
+    if not url.lower().startswith("can:"):
         return modbus_endpoint(url)
     try:
         from barewire.io.ports.can.interfaces import can_endpoint

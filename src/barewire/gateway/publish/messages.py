@@ -77,7 +77,7 @@ def _json_value(value: Value) -> Any:
 def reading_payload(reading: Reading, at: float) -> str:
     """Return the payload of a reading, without what is known only when it is sent."""
     parameter = reading.parameter
-    content: dict[str, Any] = {"value": _json_value(reading.value)}
+    content: dict[str, Any] = {"value": _json_value(parameter.shortened(reading.value))}
     if parameter.unit:
         content["unit"] = parameter.unit
     if isinstance(reading.value, int) and (word := parameter.values.get(int(reading.value))) is not None:
