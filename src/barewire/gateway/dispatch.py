@@ -88,8 +88,8 @@ class Query:
     """
 
     __slots__ = (
-        *("client", "epoch", "followers", "must_be_alone", "request", "respond", "since", "twins", "unit", "writes"),
-    )
+        "client", "epoch", "followers", "must_be_alone", "request", "respond", "since", "twins", "unit", "writes",
+    )  # fmt: skip
 
     def __init__(
         self, client: Caller, unit: int, request: RawRequest, respond: Callable[[bytes | None], object]
@@ -247,7 +247,7 @@ class UnitRecord(UnitState):
     def answer(self, query: Query, pdu: bytes) -> None:
         """Answer a query with a response of the unit."""
         self.counters.answered += 1 + len(query.followers)
-        kind = query.request.pdu[:3] if query.writes else query.request.pdu
+        kind = query.kind
         if kind not in self.answered:
             if len(self.answered) >= _KINDS:
                 self.answered.clear()
