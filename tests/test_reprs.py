@@ -48,7 +48,7 @@ OBJECTS = ObjectDictionary([Entry(0x2000, 1, "speed", "u16", "rw", 5)])
 LINE = RtuLine(Timing.of(19200))
 
 EXAMPLES: list[tuple[Callable[[], Any], str | re.Pattern[str]]] = [
-    (lambda: AZ3, "<Device az3: TEM AZ3 servo drive, 346 parameters, Modbus and CANopen>"),
+    (lambda: AZ3, "<Device az3: TEM AZ3 servo drive, 354 parameters, Modbus and CANopen>"),
     (lambda: load("adxl"), "<Device adxl: LOVATO Electric ADXL soft starter, 59 parameters, Modbus>"),
     (lambda: AZ3.find("status word"), "<Parameter STATUS WORD: ro u16, input 24, 6041h:00>"),
     (lambda: AZ3.find("reset error"), "<Parameter RESET ERROR: rw bool, coil 13, 2018h:00 bit 13>"),
@@ -73,7 +73,7 @@ EXAMPLES: list[tuple[Callable[[], Any], str | re.Pattern[str]]] = [
     ),
     (lambda: simulator("az3").modbus, "<Az3ModbusAdapter of <Az3: TEM AZ3 servo drive, simulated>>"),
     (lambda: simulator("az3").canopen, "<CanopenAdapter of <Az3: TEM AZ3 servo drive, simulated>, node 1>"),
-    (lambda: simulator("az3").store, "<MachineStore: 346 values>"),
+    (lambda: simulator("az3").store, "<MachineStore: 354 values>"),
     (
         lambda: DriveStatus(0.0, 0x0637, 1, 2000, 0),
         "<DriveStatus: operation enabled, status word 0637h, mode 1, position 2000, velocity 0>",
@@ -206,8 +206,8 @@ def test_streams_clients_and_nodes_on_a_bus() -> None:
 
 def test_a_device_is_a_table_in_a_notebook() -> None:
     html = AZ3._repr_html_()
-    assert html.count("<tr>") == 346 + 1
-    assert "<caption>TEM AZ3 servo drive: 346 parameters</caption>" in html
+    assert html.count("<tr>") == 354 + 1
+    assert "<caption>TEM AZ3 servo drive: 354 parameters</caption>" in html
     assert "<td>STATUS WORD</td><td>ro</td><td>u16</td><td>0..65535</td><td>input 24</td><td>6041h:00</td>" in html
     assert "&lt;" not in AZ3.title
 

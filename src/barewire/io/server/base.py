@@ -103,7 +103,7 @@ class ThreadedServer(ABC):
         """Return whether the server must stop: the event is set, or the server is closed."""
         return stop.is_set() or self._stop.is_set()
 
-    def is_over_in(self, stop: threading.Event, seconds: float) -> bool:
+    def _is_over_in(self, stop: threading.Event, seconds: float) -> bool:
         """Wait for so many seconds. Return whether the server must stop, as soon as it must."""
         until = time.monotonic() + seconds
         while not self.is_over(stop) and (left := until - time.monotonic()) > 0.0:

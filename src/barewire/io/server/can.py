@@ -174,7 +174,7 @@ class CanopenServer(_CanopenServerBase, ThreadedServer):
         clock, driver = time.monotonic, self._driver
         pauses = self._endpoint.pauses
         reopening = Reopening(
-            self.dial, lambda seconds: self.is_over_in(stop, seconds), pauses=pauses, log=self._bus_log
+            self.dial, lambda seconds: self._is_over_in(stop, seconds), pauses=pauses, log=self._bus_log
         )
         self._log.info("serving", "serving")
         watch = self._watch = self._bus_log.watch()
