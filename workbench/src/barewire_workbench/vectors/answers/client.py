@@ -17,7 +17,6 @@ without barewire.
 
 from __future__ import annotations
 
-from bisect import bisect_left
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -260,7 +259,7 @@ class ClientPeer:
 
     def _say(self, at: int, data: bytes) -> None:
         """Put bytes among what comes: what the client receives at one time is one piece."""
-        place = bisect_left(self.coming, (at, b""))
+        place = sum(before < at for before, _ in self.coming)
         same = self.coming[place : place + 1]
         if same and same[0][0] == at:
             self.coming[place] = at, same[0][1] + data
