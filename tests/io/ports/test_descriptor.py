@@ -17,6 +17,7 @@ from barewire.io.ports.network import UdpPort
 from barewire.io.ports.pty import PseudoTerminal
 from barewire.io.ports.serial import SerialPort
 from tests.helpers import PATIENCE, free_port, refused, until
+from tests.io.ports.receiving import receiving
 from tests.io.schemes import EVERY_SCHEME_WITHOUT_TLS, SERIAL
 
 resource = pytest.importorskip("resource", reason="Windows has no such descriptors")
@@ -29,18 +30,10 @@ def test_a_thread_that_waits_for_a_closed_port_reads_no_file_that_gets_its_numbe
     terminal = PseudoTerminal()
     there = SerialPort.of(Endpoint.parse(f"rtu://{terminal.path}"))
     port, other = (there, terminal) if end is SerialPort else (terminal, there)
-    number, errors = port.fileno(), []
+    number = port.fileno()
     kept = tmp_path / "kept"
     kept.write_text("of the program")
-
-    def wait() -> None:
-        try:
-            port.receive(2 * PATIENCE)
-        except PortError as error:
-            errors.append(str(error))
-
-    thread = threading.Thread(target=wait)
-    thread.start()
+    thread, errors = receiving(port)
     until(lambda: waits(thread))
     port.close()
     with kept.open() as file:

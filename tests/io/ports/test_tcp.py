@@ -14,6 +14,7 @@ from barewire.io.endpoint import Endpoint
 from barewire.io.ports.async_links import Mailbox
 from barewire.io.ports.network import TcpPort, UdpPort, listening_socket
 from tests.io.peers import peer
+from tests.io.ports.receiving import receiving
 
 SOON, LONG = 0.05, 30.0
 
@@ -75,16 +76,7 @@ def test_the_peer_closes_the_connection_during_receive(ends: tuple[TcpPort, sock
 def test_another_thread_closes_the_port_during_receive(ends: tuple[TcpPort, socket.socket], times: int) -> None:
     port, _ = ends
     exchanged(ends, times, 2 * LONG)
-    errors: list[str] = []
-
-    def wait() -> None:
-        try:
-            port.receive(2 * LONG)
-        except PortError as error:
-            errors.append(str(error))
-
-    thread = threading.Thread(target=wait)
-    thread.start()
+    thread, errors = receiving(port)
     thread.join(SOON)
     port.close()
     thread.join(LONG)
