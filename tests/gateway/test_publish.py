@@ -608,19 +608,21 @@ def test_commands_are_carried_out_only_where_they_are_allowed(site: Site) -> Non
     publishing(site, act)
 
 
+async def leave(site: Site, topic: str, payload: str) -> None:
+    """Publish what the broker keeps, from a client of its own."""
+    client = await connected(site.port)
+    await client.publish(topic, payload, qos=1, retain=True)
+    await client.__aexit__(None, None, None)
+
+
 @pytest.mark.needs("mosquitto")
 def test_a_command_that_was_left_there_is_not_carried_out(site: Site) -> None:
     async def act(listener: Listener, client: aiomqtt.Client) -> None:
         await listener.until(lambda: len(listener.of("barewire/hall_1/meter/count")) >= 3)
         assert site.table.holding_registers[0] == 0
 
-    async def leave() -> None:
-        client = await connected(site.port)
-        await client.publish("barewire/hall_1/meter/ratio/set", "77", qos=1, retain=True)
-        await client.__aexit__(None, None, None)
-
     site.start_broker()
-    asyncio.run(leave())
+    asyncio.run(leave(site, "barewire/hall_1/meter/ratio/set", "77"))
     publishing(site, act)
 
 
@@ -638,13 +640,8 @@ def test_a_birth_message_that_the_broker_keeps_is_no_loop(site: Site) -> None:
         await listener.has("barewire/hall_1/meter/count", before + 20)
         assert len(listener.of(description)) == 2
 
-    async def leave() -> None:
-        client = await connected(site.port)
-        await client.publish("homeassistant/status", "online", qos=1, retain=True)
-        await client.__aexit__(None, None, None)
-
     site.start_broker()
-    asyncio.run(leave())
+    asyncio.run(leave(site, "homeassistant/status", "online"))
     publishing(site, act)
 
 

@@ -208,12 +208,12 @@ class Parameter:
         # A decimal such as 27.2 has no exact binary form: what a float rounds is no difference, and neither is a
         # thousandth of a step.
         rounding = Fraction(ulp(value)) / abs(self.scale) / 2 if isinstance(value, float) else Fraction(0)
+        is_told_apart = rounding < Fraction(1, 2)
+        if is_told_apart and abs(exact - raw) <= max(rounding, Fraction(1, 1000)):
+            return raw
         step = f"{show(float(self.scale))} {self.unit}".rstrip()
-        if rounding >= Fraction(1, 2):
-            raise EncodeError(f"{self.name} = {show(value)}: no float tells its steps of {step} apart here", self.name)
-        if abs(exact - raw) > max(rounding, Fraction(1, 1000)):
-            raise EncodeError(f"{self.name} = {show(value)}: it goes in steps of {step}", self.name)
-        return raw
+        why = f"it goes in steps of {step}" if is_told_apart else f"no float tells its steps of {step} apart here"
+        raise EncodeError(f"{self.name} = {show(value)}: {why}", self.name)
 
     def from_raw(self, raw: Value) -> Value:
         """Return the value in the unit for a number from the wire."""

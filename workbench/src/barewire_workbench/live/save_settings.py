@@ -26,6 +26,7 @@ from barewire_workbench.scan.identity import DeviceIdentity
 from barewire_workbench.settings.compare import same_setting
 from barewire_workbench.settings.rules import KeptSetting, SettingRules, without_unmapped
 from barewire_workbench.settings.saved import SavedSettings, saved_value
+from barewire_workbench.value_log.sample import plain_value
 
 
 class PresentValue(NamedTuple):
@@ -60,7 +61,7 @@ def save_settings(machine: MachineClient, url: str, names: Collection[str] | Non
         if value is None:
             saved.not_read[setting.name] = present[setting.name].problem
             continue
-        if isinstance(value, str) and value.encode(errors="replace").decode() != value:
+        if isinstance(value, str) and plain_value(value) != value:
             saved.not_read[setting.name] = "its text has half a character of UTF-16, which no file can hold"
             continue
         values = saved.communication if setting.communication else saved.settings

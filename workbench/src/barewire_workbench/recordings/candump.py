@@ -67,7 +67,11 @@ _COLUMNS = re.compile(
 
 def _plain(line: str) -> str:
     """Return a line without colours and marks of Markdown, with a time of day as candump writes it."""
-    plain = without_colours(line).replace("**", "").strip().strip("`")
+    return _unmarked(without_colours(line))
+
+
+def _unmarked(uncoloured: str) -> str:
+    plain = uncoloured.replace("**", "").strip().strip("`")
     if ":" not in plain:  # most lines: a recording has a million of them
         return plain
     return _CLOCK.sub(lambda clock: f"(1970-01-01 {clock[1]}) {'' if clock[2] else 'can0 '}", plain, count=1)
@@ -79,7 +83,7 @@ def _frame_texts(text: str | Iterable[str]) -> Iterator[tuple[int, str, str]]:
         uncoloured = without_colours(line)
         if not uncoloured.strip() or uncoloured.startswith("\t") or uncoloured.lstrip().startswith("# "):
             continue  # empty, the text of -e for the error frame above, a comment
-        plain = _plain(uncoloured)
+        plain = _unmarked(uncoloured)
         if plain.find("(", 1) < 0:
             yield number, line, plain
         else:

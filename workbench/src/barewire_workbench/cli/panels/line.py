@@ -309,7 +309,7 @@ class PanelLine:
 
     def _keep(self, readings: Iterable[Reading], refused: Mapping[str, str]) -> None:
         cells: dict[str, tuple[Any, str, str]] = {
-            row.name: (_for_json(row.value), row.parameter.text(row.value), "") for row in readings
+            row.name: (_cell_value(row.value), row.parameter.text(row.value), "") for row in readings
         }
         cells |= {name: (None, "", reason) for name, reason in refused.items()}
         with self._lock:
@@ -340,7 +340,7 @@ class PanelLine:
             self.frames.append(KeptFrame(self.revision, direction, digits, explanation))
 
 
-def _for_json(value: Value) -> int | float | str | None:
+def _cell_value(value: Value) -> int | float | str | None:
     """Return a value for the page; None for NaN and the infinities, which only the text shows: JSON has none, and the
     scope draws nothing there."""
     return None if isinstance(value, float) and not isfinite(value) else plain_value(value)
